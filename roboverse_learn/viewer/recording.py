@@ -62,6 +62,8 @@ class EpisodeRecording:
         self._posing.launch()
         self._stage = Stage(self._posing.model, env.scenario)
         self._poses: dict[str, np.ndarray] = {}
+        # Kept until it is known where they go: Rerun's server hangs if it starts after much was logged.
+        self._calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
 
     def start(self, text: str) -> None:
         """Logs what does not change in the episode: meshes, cameras' sizes and the text."""
@@ -110,14 +112,14 @@ class EpisodeRecording:
             state: One row; None leaves everything where it is.
             images: Camera to its image, (H, W, 3) uint8.
         """
-        self._stream.set_time(TIMELINE, duration=time_s)
+        self._calls.append(("set_time", (TIMELINE,), {"duration": time_s}))
         if state is not None:
             self._posing.set_states(State.unflatten({k: v.cpu() for k, v in state.flatten().items()}), [0])
             self._stage.pose(self._posing.snapshot()[0])
             self._log_poses()
         for camera, image in images.items():
             compressed = self._rr.Image(image).compress(jpeg_quality=_JPEG_QUALITY)
-            self._stream.log(f"scene/cameras/{camera}", compressed)
+            self._calls.append(("log", (f"scene/cameras/{camera}", compressed), {}))
 
     def _log_poses(self) -> None:
         model, data = self._stage.model, self._stage.data
@@ -135,13 +137,18 @@ class EpisodeRecording:
             return
         self._poses[path] = pose
         turned = self._rr.Quaternion(xyzw=quat[[1, 2, 3, 0]])
-        self._stream.log(path, self._rr.Transform3D(translation=pos, quaternion=turned))
+        transform = self._rr.Transform3D(translation=pos, quaternion=turned)
+        self._calls.append(("log", (path, transform), {}))
 
     def _path(self, body: int) -> str:
         return f"scene/{_entity(self._stage.model.body(body).name or f'body{body}')}"
 
+    def _send(self) -> None:
+        for method, given, named in self._calls:
+            getattr(self._stream, method)(*given, **named)
+
     def _static(self, path: str, what: Any) -> None:
-        self._stream.log(path, what, static=True)
+        self._calls.append(("log", (path, what), {"static": True}))
 
     def _views(self) -> Any:
         views = importlib.import_module("rerun.blueprint")
@@ -158,6 +165,7 @@ class EpisodeRecording:
         """
         with atomic_path(path, keep_suffix=True) as temporary:
             self._stream.save(str(temporary), default_blueprint=self._views())
+            self._send()
             self._stream.flush()
             self._stream.disconnect()
 
@@ -165,6 +173,7 @@ class EpisodeRecording:
         """Opens the recording in the browser until this process ends; returns the page's address."""
         blueprint = self._views()
         address = self._stream.serve_grpc(grpc_port=_free_port(_GRPC_PORT), default_blueprint=blueprint)
+        self._send()
         port = _free_port(_WEB_PORT)
         self._rr.serve_web_viewer(web_port=port, connect_to=address)
         return f"http://127.0.0.1:{port}/?url={quote(address, safe='')}"

@@ -1,7 +1,7 @@
 """``roboverse view``: what is recorded of an episode, and its errors."""
 
+import os
 import sys
-import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,10 +12,11 @@ from PIL import Image
 
 from envs.core.errors import ConfigError, DatasetError, MissingExtraError
 from envs.spec import EnvSpec
-from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
 from roboverse_learn.view import has_display, view
 from roboverse_learn.viewer import episodes
+from tests.viewed import needs_viewer, recorded
+from tests.viewed import view as run_view
 
 
 @pytest.mark.parametrize(
@@ -143,19 +144,12 @@ def test_visual_geoms_become_meshes_with_the_materials_of_the_level() -> None:
 
 
 @pytest.mark.slow
-def test_recording_holds_scene_images_and_draws_over_time(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("rerun", reason="the extra viewer is not installed")
-    from rerun.recording import load_recording  # pyright: ignore[reportMissingImports]
-
-    file = tmp_path / "episode.rrd"
-    assert cli.main(["view", "task=PickCube", "level=3", "image_size=32", f"file={file}"]) == 0
-    assert f"rerun {file}" in capsys.readouterr().out
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        schema = load_recording(file).schema()
-    paths = {column.entity_path for column in schema.component_columns()}
+@needs_viewer
+def test_recording_holds_scene_images_and_draws_over_time(tmp_path: Path) -> None:
+    words = ("task=PickCube", "level=3", "image_size=32", "file=episode.rrd")
+    assert "rerun episode.rrd" in run_view(*words, folder=tmp_path, env=dict(os.environ))
+    found = recorded(tmp_path / "episode.rrd")
+    paths = set(found["paths"].tolist())
     assert {"/draws", "/scene/cameras/front", "/scene/cameras/wrist", "/scene/cube"} <= paths
     assert any(path.startswith("/scene/franka.") for path in paths)
-    assert "time" in {column.name for column in schema.index_columns()}
+    assert len(found["times"]) > 10 and (np.diff(found["times"]) > 0).all()
