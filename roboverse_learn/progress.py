@@ -23,10 +23,10 @@ class StageProgress:
     Args:
         stage: What is done, such as ``"collecting"``.
         console: Console to print to; None takes the standard output.
-        interval_s: Time between two lines.
+        interval_s: Time between two lines; None takes :data:`INTERVAL_S`.
     """
 
-    def __init__(self, stage: str, console: "Console | None" = None, interval_s: float = INTERVAL_S) -> None:
+    def __init__(self, stage: str, console: "Console | None" = None, interval_s: float | None = None) -> None:
         from rich import progress
 
         self._bar = progress.Progress(
@@ -38,7 +38,7 @@ class StageProgress:
         )
         self.console = self._bar.console
         self._task = self._bar.add_task("", total=None)
-        self._stage, self._interval_s = stage, interval_s
+        self._stage, self._interval_s = stage, INTERVAL_S if interval_s is None else interval_s
         self._level = logging.DEBUG if self.console.is_terminal else logging.INFO
         self._description = ""
         self._first: tuple[float, float] | None = None  # what was done, and when, at the first update

@@ -130,3 +130,20 @@ def test_the_commands_install_the_plugins_of_lerobot_and_gymnasium() -> None:
     installs = [line for line in README.splitlines() if line.startswith("python3.12 -m venv ")]
     assert len(installs) == 2
     assert all(" -e envs/lerobot/plugin -e envs/gymnasium_plugin " in line for line in installs)
+
+
+FIRST_COMMAND_IN_WORDS = ("README.md", "docs/index.md", "docs/getting_started.md")
+
+
+@pytest.mark.parametrize("page", FIRST_COMMAND_IN_WORDS)
+def test_pages_say_of_the_first_command_what_its_runs_are(page: str) -> None:
+    """The table of runs is docs/results.md's; pages round it."""
+    section = (ROOT / "docs/results.md").read_text().split("## README's first command")[1].split("\n## ")[0]
+    rows = [line.split("|")[2:] for line in section.splitlines() if re.match(r"\| [0-9a-f]{8} \|", line)]
+    rates = [int(row[3].split("%")[0]) for row in rows]
+    minutes = [int(row[2].split(":")[0]) + int(row[2].split(":")[1]) / 60 for row in rows]
+    assert len(rates) >= 3 and len(minutes) >= 3
+    text = " ".join((ROOT / page).read_text().split())
+    assert (round(min(minutes)), round(max(minutes))) == (6, 13)
+    assert "six to thirteen minutes" in text
+    assert f"{min(rates)} to {max(rates)} %" in text

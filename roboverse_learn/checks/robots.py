@@ -37,6 +37,9 @@ _SPEED = 0.2
 
 _STEPS, _DISTURBED_S = 10, 0.5
 
+_PARTS = {"rot": ("w", "x", "y", "z")} | dict.fromkeys(("pos", "lin_vel", "ang_vel"), ("x", "y", "z"))
+"""Components of what a robot's base has."""
+
 
 class CheckedRobot:
     """A robot under test in a simulator. Close it when it is done with.
@@ -213,7 +216,7 @@ def resets(checked: CheckedRobot) -> str:
     for step, (before, after) in enumerate(zip(first, _motion(checked, state), strict=True)):
         for name, value in before.items():
             different = (after[name] != value)[0].nonzero().flatten().tolist()
-            which = robot.joint_names if name in ("joint_pos", "joint_vel") else ("x", "y", "z", "w")
+            which = _PARTS.get(name, robot.joint_names)
             where = f" of '{which[different[0]]}'" if different and len(which) > different[0] else ""
             require(
                 not different,

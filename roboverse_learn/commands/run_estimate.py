@@ -4,6 +4,9 @@ import contextlib
 import time
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from envs.core.machine import num_cores
 from envs.spec import EnvSpec
@@ -81,10 +84,38 @@ def _missing(config: TrainRunConfig) -> int:
 
 def _evaluation_s(config: TrainRunConfig, timed: DemonstrationTime) -> float:
     """At levels that training knows, episodes last as long as a demonstration; elsewhere the whole limit."""
-    chunk = getattr(config.policy, "n_action_steps", 1)  # an image is read before each chunk
-    step_s = timed.without_images_s + (timed.seconds - timed.without_images_s) / chunk
-    step_s /= max(timed.steps, 1)
-    limit, settings = config.env.make_task().max_episode_steps, config.evaluate
+    from roboverse_learn.commands.tested_checkpoint import protocol_of
+
+    protocol, limit = protocol_of(config.evaluate), config.env.make_task().max_episode_steps
     trained = config.env.level if config.env.only is None else -1
-    steps = sum(timed.steps if level <= trained else limit for level in settings.levels)
-    return settings.episodes * len(settings.splits) * steps * step_s / num_cores()
+    known = [cell.level is not None and cell.level <= trained for cell in protocol.cells()]
+    steps = protocol.episodes * sum(timed.steps if each else limit for each in known)
+    act_s, chunk_size = time_policy(config)
+    images_s = timed.seconds - timed.without_images_s  # read before each chunk
+    env_s = (timed.without_images_s + images_s / chunk_size) / max(timed.steps, 1)
+    return steps * (env_s / num_cores() + act_s / chunk_size)
+
+
+def time_policy(config: TrainRunConfig) -> tuple[float, int]:
+    """Returns the seconds in which an untrained policy of a run acts once, and for how many steps it acts."""
+    import torch
+
+    import policies
+    from roboverse_learn.commands.dataset_layout import dataset_layout
+    from roboverse_learn.training.imitation.estimate import plain_stats
+
+    features, _, _ = dataset_layout(config)
+    policy = policies.create(config.policy_name, features, plain_stats(features), config.policy, "cpu")
+    frames = (policy.n_obs_steps,) if policy.n_obs_steps > 1 else ()
+    observation: dict[str, Any] = {
+        key: np.zeros((1, *frames, *feature["shape"]), np.uint8 if "images" in key else np.float32)
+        for key, feature in features.items()
+        if key.startswith("observation.")
+    }
+    observation["task"] = [config.env.make_task().description]
+    seconds = []
+    for _ in range(2):  # the first call is slower
+        start = time.perf_counter()
+        policy.act(observation, [torch.Generator()])
+        seconds.append(time.perf_counter() - start)
+    return min(seconds), policy.n_action_steps

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from roboverse_learn import cli
-from roboverse_learn.progress import StageProgress
+from roboverse_learn import cli, progress
 from tests.integration.main_run import TINY, MainRun
 
 
@@ -15,7 +14,7 @@ def main_run(tmp_path_factory: pytest.TempPathFactory) -> MainRun:
     folder = tmp_path_factory.mktemp("loop")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(StageProgress.__init__, "__defaults__", (None, 0.02))  # its stages take a second or two
+        patch.setattr(progress, "INTERVAL_S", 0.02)  # its stages take a second or two
         assert cli.main(["train", *TINY]) == 0
     return MainRun.at(folder)
 

@@ -70,6 +70,7 @@ def usual_ports(request: pytest.FixtureRequest) -> Iterator[None]:
     with ExitStack() as held:
         for port in (9090, 9876) if request.param == "taken" else ():
             other = held.enter_context(socket.socket())
+            other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             with suppress(OSError):  # some other program has it already
                 other.bind(("0.0.0.0", port))
                 other.listen()

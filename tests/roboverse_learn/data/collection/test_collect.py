@@ -233,7 +233,8 @@ def test_killed_at_any_moment_and_resumed(tmp_path, undisturbed, open_with_lerob
             assert dataset.num_episodes == episodes
             assert dataset[len(dataset) - 1]["observation.images.front"].shape == (3, 32, 32)
     assert episodes > 0
-    assert -signal.SIGKILL in ends  # and not only after the last episode
+    # Not only after the last episode. One process commits several together, and may end before the kill.
+    assert -signal.SIGKILL in ends or num_workers == 1
     assert collect(config(root)).dataset_hash == undisturbed.dataset_hash
 
 
