@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from typing import Any
 
 from benchmark.protocol import Cell, Protocol
@@ -63,9 +64,8 @@ class EpisodeRecord:
 
     @property
     def cell(self) -> Cell:
-        """The cell that the episode belongs to."""
-        test = self.instruction_test
-        return Cell(level=self.level, only=self.only, split=self.split, instruction_test=test)
+        """The cell that the episode belongs to; one object for all of its episodes."""
+        return _cell(self.level, self.only, self.split, self.instruction_test)
 
     def to_json(self) -> dict[str, Any]:
         """Returns every field as plain JSON values: one line of a log of records."""
@@ -81,6 +81,11 @@ class EpisodeRecord:
         """
         lists = {name: tuple(values[name]) for name in ("channels", "not_shown")}
         return cls(**{**values, **lists})
+
+
+@lru_cache(typed=True)
+def _cell(level: int | None, only: str | None, split: str, test: str | None) -> Cell:
+    return Cell(level=level, only=only, split=split, instruction_test=test)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
