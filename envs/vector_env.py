@@ -112,7 +112,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
 
     @cached_property
     @override
-    def observation_space(self) -> gymnasium.Space:
+    def observation_space(self) -> gymnasium.Space:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Of all environments; made when it is asked for, since the bounds of 500 images take a second."""
         return batch_space(self.single_observation_space, self.num_envs)
 

@@ -96,7 +96,7 @@ def _upload(config: PublishConfig, folder: Path, card: str, kind: str) -> str:
     from roboverse_learn.data.dataset.staging import STAGING_DIRECTORY
 
     api, name = HfApi(), config.to
-    files = list(CHECKPOINT_FILES)
+    files: list[str] = list(CHECKPOINT_FILES)
     with hub_errors(f"publish to '{name}'"):
         url = api.create_repo(name, repo_type=kind, private=config.private, exist_ok=True)
         if config.private and not api.repo_info(name, repo_type=kind).private:
