@@ -25,6 +25,22 @@ _LEARNED = 0.85
 predicts noise, reaches 0.78; a regression far lower."""
 
 
+def random_observation(
+    features: Mapping[str, Any], n_obs_steps: int, instruction: str, num_envs: int
+) -> dict[str, np.ndarray]:
+    """Returns what environments might show a policy, the same each time: see ``Policy.act``."""
+    rng, time = np.random.default_rng(0), (n_obs_steps,) if n_obs_steps > 1 else ()
+    seen: dict[str, np.ndarray] = {}
+    for key, feature in features.items():
+        shape = (num_envs, *time, *feature["shape"])
+        if key.startswith(IMAGE_PREFIX):
+            seen[key] = rng.integers(0, 256, shape, np.uint8)
+        elif key == STATE_KEY:
+            seen[key] = rng.normal(0.0, 0.5, shape).astype(np.float32)
+    seen["task"] = np.array([instruction] * num_envs)
+    return seen
+
+
 class CheckedPolicy:
     """A policy under test, untrained, on what a task observes.
 
@@ -75,17 +91,7 @@ class CheckedPolicy:
 
     def observation(self) -> dict[str, np.ndarray]:
         """Returns random observations of ``_ROWS`` environments."""
-        rng, policy = np.random.default_rng(0), self.policy
-        time = (policy.n_obs_steps,) if policy.n_obs_steps > 1 else ()
-        seen: dict[str, np.ndarray] = {}
-        for key, feature in self.features.items():
-            shape = (_ROWS, *time, *feature["shape"])
-            if key.startswith(IMAGE_PREFIX):
-                seen[key] = rng.integers(0, 256, shape, np.uint8)
-            elif key == STATE_KEY:
-                seen[key] = rng.normal(0.0, 0.5, shape).astype(np.float32)
-        seen["task"] = np.array([self.spec.make_task().name] * _ROWS)
-        return seen
+        return random_observation(self.features, self.policy.n_obs_steps, self.spec.make_task().name, _ROWS)
 
     def batch(self) -> dict[str, Tensor]:
         """Returns raw frames of ``_ROWS`` training samples, as the training loop gives them."""

@@ -184,7 +184,7 @@ def follows(checked: CheckedRobot) -> str:
         low, high = joint.range
         grips = joint.name in robot.gripper_joints
         size = _GRIPPER_SHARE * (high - low) if grips else min(_SHARE * (high - low), _MOST_RAD)
-        towards = size if joint.default <= 0.5 * (low + high) else -size
+        towards = _inwards(size, joint.default, low, high)
         # At rest the ground, or the arm itself, may be in the way on one side.
         sides = [way for way in (towards, -towards) if low <= joint.default + way <= high]
         missed, way = min((_missed(checked, driven.index(index), index, way), way) for way in sides)
@@ -244,9 +244,13 @@ def _elsewhere(checked: CheckedRobot) -> np.ndarray:
     joints, target = checked.robot.joints, checked.rest.copy()
     for column, index in enumerate(checked.robot.driven):
         low, high = joints[index].target_range or joints[index].range
-        size = min(_SHARE * (high - low), _MOST_RAD)
-        target[column] += size if target[column] <= 0.5 * (low + high) else -size
+        target[column] += _inwards(min(_SHARE * (high - low), _MOST_RAD), target[column], low, high)
     return target
+
+
+def _inwards(size: float, value: float, low: float, high: float) -> float:
+    """Returns a way of this size with the sign that leads from a value to the middle of its range."""
+    return size if value <= 0.5 * (low + high) else -size
 
 
 def _put(checked: CheckedRobot, state: EntityState) -> None:

@@ -4,9 +4,6 @@ import contextlib
 import time
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from envs.core.machine import num_cores
 from envs.spec import EnvSpec
@@ -76,9 +73,10 @@ def time_demonstration(spec: EnvSpec) -> DemonstrationTime:
 def _missing(config: TrainRunConfig) -> int:
     from roboverse_learn.collect import dataset_folder
     from roboverse_learn.data.dataset.info import DatasetInfo
+    from roboverse_learn.data.dataset.schema import INFO_PATH
 
     folder = dataset_folder(config)
-    there = DatasetInfo.open(folder).num_episodes if (folder / "meta" / "info.json").exists() else 0
+    there = DatasetInfo.open(folder).num_episodes if (folder / INFO_PATH).is_file() else 0
     return max(config.collect.num_demos - there, 0)
 
 
@@ -101,18 +99,13 @@ def time_policy(config: TrainRunConfig) -> tuple[float, int]:
     import torch
 
     import policies
+    from roboverse_learn.checks.policies import random_observation
     from roboverse_learn.commands.dataset_layout import dataset_layout
     from roboverse_learn.training.imitation.estimate import plain_stats
 
     features, _, _ = dataset_layout(config)
     policy = policies.create(config.policy_name, features, plain_stats(features), config.policy, "cpu")
-    frames = (policy.n_obs_steps,) if policy.n_obs_steps > 1 else ()
-    observation: dict[str, Any] = {
-        key: np.zeros((1, *frames, *feature["shape"]), np.uint8 if "images" in key else np.float32)
-        for key, feature in features.items()
-        if key.startswith("observation.")
-    }
-    observation["task"] = [config.env.make_task().description]
+    observation = random_observation(features, policy.n_obs_steps, config.env.make_task().description, 1)
     seconds = []
     for _ in range(2):  # the first call is slower
         start = time.perf_counter()

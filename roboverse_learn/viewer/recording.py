@@ -2,8 +2,9 @@
 
 import importlib
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -63,7 +64,7 @@ class EpisodeRecording:
         self._stage = Stage(self._posing.model, env.scenario)
         self._poses: dict[str, np.ndarray] = {}
         # Kept until it is known where they go: Rerun's server hangs if it starts after much was logged.
-        self._calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+        self._calls: list[Callable[[], None]] = []
 
     def start(self, text: str) -> None:
         """Logs what does not change in the episode: meshes, cameras' sizes and the text."""
@@ -71,15 +72,15 @@ class EpisodeRecording:
         self._appearance = self._env.randomizer.appearance(episode)
         self._posing.set_appearance(self._appearance, 0)
         rr = self._rr
-        self._static("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._static("draws", rr.TextDocument(text, media_type="text/markdown"))
+        self._log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log("draws", rr.TextDocument(text, media_type="text/markdown"), static=True)
         self._stage.pose(self._posing.snapshot()[0])
         model = self._stage.model
         for mesh in visible_meshes(
             self._stage, self._env.scenario, self._appearance, self._env.handler.textures
         ):
             body = int(model.geom_bodyid[mesh.geom])
-            self._static(
+            self._log(
                 f"{self._path(body)}/{_entity(model.geom(mesh.geom).name or f'geom{mesh.geom}')}",
                 rr.Mesh3D(
                     vertex_positions=mesh.vertices,
@@ -90,10 +91,11 @@ class EpisodeRecording:
                     albedo_factor=mesh.rgba,
                     face_rendering="Front",
                 ),
+                static=True,
             )
         for camera in self._env.scenario.cameras:
             half = np.deg2rad(model.cam_fovy[model.camera(camera.name).id]) / 2
-            self._static(
+            self._log(
                 f"scene/cameras/{camera.name}",
                 rr.Pinhole(
                     focal_length=float(camera.height / 2 / np.tan(half)),
@@ -102,6 +104,7 @@ class EpisodeRecording:
                     camera_xyz=rr.ViewCoordinates.RUB,
                     image_plane_distance=0.15,
                 ),
+                static=True,
             )
 
     def add(self, time_s: float, state: State | None, images: Mapping[str, np.ndarray]) -> None:
@@ -112,14 +115,14 @@ class EpisodeRecording:
             state: One row; None leaves everything where it is.
             images: Camera to its image, (H, W, 3) uint8.
         """
-        self._calls.append(("set_time", (TIMELINE,), {"duration": time_s}))
+        self._calls.append(partial(self._stream.set_time, TIMELINE, duration=time_s))
         if state is not None:
             self._posing.set_states(State.unflatten({k: v.cpu() for k, v in state.flatten().items()}), [0])
             self._stage.pose(self._posing.snapshot()[0])
             self._log_poses()
         for camera, image in images.items():
             compressed = self._rr.Image(image).compress(jpeg_quality=_JPEG_QUALITY)
-            self._calls.append(("log", (f"scene/cameras/{camera}", compressed), {}))
+            self._log(f"scene/cameras/{camera}", compressed)
 
     def _log_poses(self) -> None:
         model, data = self._stage.model, self._stage.data
@@ -137,18 +140,17 @@ class EpisodeRecording:
             return
         self._poses[path] = pose
         turned = self._rr.Quaternion(xyzw=quat[[1, 2, 3, 0]])
-        transform = self._rr.Transform3D(translation=pos, quaternion=turned)
-        self._calls.append(("log", (path, transform), {}))
+        self._log(path, self._rr.Transform3D(translation=pos, quaternion=turned))
 
     def _path(self, body: int) -> str:
         return f"scene/{_entity(self._stage.model.body(body).name or f'body{body}')}"
 
     def _send(self) -> None:
-        for method, given, named in self._calls:
-            getattr(self._stream, method)(*given, **named)
+        for call in self._calls:
+            call()
 
-    def _static(self, path: str, what: Any) -> None:
-        self._calls.append(("log", (path, what), {"static": True}))
+    def _log(self, path: str, what: Any, *, static: bool = False) -> None:
+        self._calls.append(partial(self._stream.log, path, what, static=static))
 
     def _views(self) -> Any:
         views = importlib.import_module("rerun.blueprint")
