@@ -63,6 +63,8 @@ def dataset_folder(config: CollectConfig) -> Path:
     changed = [*sorted(config.env.task_kwargs.items()), *sorted(config.env.simulator_settings.items())]
     options = [f"robot={config.env.robot}"] if config.env.robot else []
     options += [f"{key}={Path(str(value)).name}" for key, value in changed]
+    if config.collect.steps_per_look:
+        options.append(f"{config.collect.steps_per_look}steps_per_look")
     if config.env.scenario:
         options.append(scenario_name(config.env.scenario))
     if config.env.materials:

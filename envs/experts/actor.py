@@ -6,7 +6,7 @@ from typing import override
 import numpy as np
 
 from envs.randomization import channel_rng
-from envs.rollout import Actor, Episode, in_order, rollout
+from envs.rollout import Actor, Episode, OnStep, in_order, rollout
 from envs.state import State
 from envs.tasks.plan_following import TAIL_STEPS, plan_all, plan_each
 from envs.tasks.planner import Planner
@@ -58,6 +58,10 @@ def expert_episodes(
     planner: Planner | None = None,
     *,
     record: Collection[str] = ("images", "states"),
+    on_step: OnStep = lambda episode: None,
 ) -> Iterator[Episode]:
-    """Yields episodes of the expert, or of another planner, in the order of ``episodes``."""
-    return in_order(rollout(env, ExpertActor(env, planner), episodes, record=record))
+    """Yields episodes of the expert, or of another planner, in the order of ``episodes``.
+
+    ``record`` and ``on_step`` are those of :func:`~envs.rollout.rollout`.
+    """
+    return in_order(rollout(env, ExpertActor(env, planner), episodes, record=record, on_step=on_step))

@@ -1,7 +1,7 @@
 """Settings of the Action Chunking Transformer."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from envs.core.errors import PolicyError
 from envs.core.ranges import check_ranges
@@ -43,9 +43,13 @@ class ActConfig:
             as the original does. Without it the policy learns to hold still there.
         state_noise: Standard deviation of the noise that training adds to the normalized joint positions.
         conv_channels: Of ``keypoints``: channels of each convolution of a camera, multiples of 8.
+        n_residual_blocks: Of ``keypoints``: residual blocks of two convolutions each that follow these.
         n_keypoints: Of ``keypoints``: keypoints of each camera.
         tokens_per_camera: Of ``keypoints``: tokens that the keypoints of a camera become.
     """
+
+    younger: ClassVar[tuple[str, ...]] = ("n_residual_blocks",)
+    """Keys that are no part of a run's name at their defaults: older runs, made without them, keep theirs."""
 
     chunk_size: int = 100
     n_action_steps: int = 100
@@ -66,6 +70,7 @@ class ActConfig:
     mask_padding: bool = True
     state_noise: float = 0.0
     conv_channels: tuple[int, ...] = (32, 32, 64)
+    n_residual_blocks: int = 0
     n_keypoints: int = 32
     tokens_per_camera: int = 4
 
@@ -89,4 +94,5 @@ class ActConfig:
                 f"policy.conv_channels={list(self.conv_channels)} must be multiples of 8, "
                 "such as [16,32,64,64]."
             )
-        check_ranges(self, "policy.", from_1=("n_keypoints", "tokens_per_camera"), error=PolicyError)
+        from_1 = ("n_keypoints", "tokens_per_camera")
+        check_ranges(self, "policy.", from_1=from_1, from_0=("n_residual_blocks",), error=PolicyError)

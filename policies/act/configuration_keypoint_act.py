@@ -23,6 +23,7 @@ class KeypointActConfig(ChunkConfig):
         normalization_mapping: How each kind of feature is normalized.
         conv_channels: Channels of each convolution of a camera's backbone. The first has a kernel of 6
             pixels and a stride of 4, the others a kernel of 3; their stride is 2, and 1 at the last.
+        n_residual_blocks: Residual blocks of two convolutions each that follow these.
         n_keypoints: Keypoints of each camera, by spatial softmax.
         tokens_per_camera: Tokens that the keypoints of a camera become.
         dim_model: Width of the transformer.
@@ -43,6 +44,7 @@ class KeypointActConfig(ChunkConfig):
         default_factory=lambda: dict.fromkeys(("VISUAL", "STATE", "ACTION"), NormalizationMode.MEAN_STD)
     )
     conv_channels: tuple[int, ...] = (32, 32, 64)
+    n_residual_blocks: int = 0
     n_keypoints: int = 32
     tokens_per_camera: int = 4
     dim_model: int = 128

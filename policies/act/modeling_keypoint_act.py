@@ -63,7 +63,9 @@ class KeypointAct(nn.Module):
         cameras, dim = config.image_features, config.dim_model
         state, action = cast(Any, config.robot_state_feature), cast(Any, config.action_feature)
         self.backbones = nn.ModuleList(
-            KeypointBackbone(shape.shape[0], config.conv_channels, config.n_keypoints)
+            KeypointBackbone(
+                shape.shape[0], config.conv_channels, config.n_keypoints, config.n_residual_blocks
+            )
             for shape in cameras.values()
         )
         tokens = config.tokens_per_camera
@@ -114,9 +116,12 @@ class KeypointBackbone(nn.Module):
         in_channels: Channels of an image.
         channels: Channels of each convolution.
         n_keypoints: Keypoints.
+        n_residual_blocks: Residual blocks between the convolutions and the heatmaps.
     """
 
-    def __init__(self, in_channels: int, channels: tuple[int, ...], n_keypoints: int) -> None:
+    def __init__(
+        self, in_channels: int, channels: tuple[int, ...], n_keypoints: int, n_residual_blocks: int = 0
+    ) -> None:
         super().__init__()
         layers: list[nn.Module] = []
         for i, width in enumerate(channels):
@@ -128,12 +133,37 @@ class KeypointBackbone(nn.Module):
                 nn.ReLU(inplace=True),
             ]
             in_channels = width
+        layers += [ResidualBlock(in_channels) for _ in range(n_residual_blocks)]
         self.features = nn.Sequential(*layers)
         self.heatmaps = nn.Conv2d(in_channels, n_keypoints, 1)
 
     def forward(self, images: Tensor) -> Tensor:
         """Returns the keypoints of images (B, C, H, W): rows, then columns, from -1 to 1, (B, 2 K)."""
         return spatial_softmax(self.heatmaps(self.features(images)))
+
+
+class ResidualBlock(nn.Module):
+    """Two convolutions whose result is added to what they see; at first it is zero.
+
+    Args:
+        channels: Channels of what it sees and returns.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        last = nn.GroupNorm(_NORM_GROUPS, channels)
+        nn.init.zeros_(last.weight)
+        self.layers = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1),
+            nn.GroupNorm(_NORM_GROUPS, channels),
+            nn.ReLU(inplace=True),
+            nn.Conv2d(channels, channels, 3, padding=1),
+            last,
+        )
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Returns maps of the same shape, (B, C, H, W)."""
+        return functional.relu(maps + self.layers(maps))
 
 
 def spatial_softmax(maps: Tensor) -> Tensor:

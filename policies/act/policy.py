@@ -70,6 +70,7 @@ class ActPolicy(LeRobotPolicy):
             return KeypointActConfig(
                 **shared,
                 conv_channels=tuple(config.conv_channels),
+                n_residual_blocks=config.n_residual_blocks,
                 n_keypoints=config.n_keypoints,
                 tokens_per_camera=config.tokens_per_camera,
             )

@@ -11,7 +11,7 @@ import json
 import logging
 import shlex
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from envs.core.fingerprint import digest, file_hash
 from policies.checkpoint import HASHES, resolve, weights_path
 from roboverse_learn.commands.scene_labels import fit_for_a_file, varied_part
 from roboverse_learn.config.command_line_keys import at, flat_keys
-from roboverse_learn.config.schema import TrainRunConfig
+from roboverse_learn.config.schema import DemonstrationConfig, TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.data.dataset.info import is_collected_here
 from roboverse_learn.data.dataset.raw import dataset_hash
@@ -67,21 +67,26 @@ def identity(config: TrainRunConfig) -> dict[str, Any]:
     ):  # without it a run keeps its name
         if younger in values and not values[younger]:
             del values[younger]
+    _leave_out_usual(values["collect"], DemonstrationConfig(), ("steps_per_look",))
     if len(config.tasks) == 1:
         values["policy"].pop("tasks", None)
-    for younger in getattr(config.policy, "younger", ()):
-        if getattr(config.policy, younger) == getattr(type(config.policy)(), younger):
-            del values["policy"][younger]
+    if younger := getattr(config.policy, "younger", ()):
+        _leave_out_usual(values["policy"], type(config.policy)(), younger)
     if not values["policy"].get("wrong_instructions", True):
         del values["policy"]["wrong_instructions"]
     given = values["train"].pop("resume_from", "")
     if given:  # its path differs between machines
         values["train"]["resume_from"] = file_hash(weights_path(resolve(given)))
-    augment, usual = values["train"].get("augment", {}), AugmentConfig()
-    for younger in ("hue", "convolution", "overlay", "tone", "shadow", "swap", "swap_camera"):
-        if augment.get(younger) == getattr(usual, younger):
-            del augment[younger]
+    younger = ("hue", "convolution", "overlay", "tone", "shadow", "swap", "swap_camera")
+    _leave_out_usual(values["train"].get("augment", {}), AugmentConfig(), younger)
     return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
+
+
+def _leave_out_usual(values: dict[str, Any], usual: Any, younger: Iterable[str]) -> None:
+    """Deletes younger keys that have their usual values: without them a run keeps its name."""
+    for key in younger:
+        if key in values and values[key] == getattr(usual, key):
+            del values[key]
 
 
 def run_name(config: TrainRunConfig) -> str:

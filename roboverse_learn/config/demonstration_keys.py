@@ -8,7 +8,7 @@ from roboverse_learn.config.command_line_keys import typed_key
 
 OF_DEMONSTRATIONS = (
     *("dataset", "collect.num_demos", "source", "checkpoint", "path", "replay", "only_corrections"),
-    "from_dataset",
+    *("from_dataset", "collect.steps_per_look"),
 )
 """Keys of ``train`` that say which demonstrations are learned from; keys ``augment.*`` do, too."""
 

@@ -68,14 +68,17 @@ class DemonstrationConfig:
         num_workers: Processes that collect side by side; 0 takes one per CPU core, or a single one where
             the simulator steps all environments at once.
         num_envs: Environments that each process steps at once.
+        steps_per_look: Control steps after which an episode's materials, lights and camera poses change,
+            so that no look tells what follows; 0 keeps them.
     """
 
     num_demos: int = 1000
     num_workers: int = 0
     num_envs: int = 8
+    steps_per_look: int = 0
 
     def __post_init__(self) -> None:
-        check_ranges(self, above_0=("num_demos", "num_envs"), from_0=("num_workers",))
+        check_ranges(self, above_0=("num_demos", "num_envs"), from_0=("num_workers", "steps_per_look"))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,7 +10,7 @@ from torch import nn
 import policies
 from envs.core.errors import PolicyError
 from policies.act.config import ActConfig
-from policies.act.modeling_keypoint_act import KeypointBackbone
+from policies.act.modeling_keypoint_act import KeypointBackbone, ResidualBlock
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, observation, stats
 from tests.policies.test_lerobot import lerobot_chunk
 
@@ -45,8 +45,19 @@ def test_a_keypoint_is_where_its_heatmap_peaks():
     torch.testing.assert_close(backbone(maps)[0], torch.tensor(expected))
 
 
-def test_lerobot_acts_the_same_from_a_checkpoint(tmp_path):
-    policy = make()
+def test_a_residual_block_begins_as_what_it_sees_and_learns_to_change_it():
+    block, maps = ResidualBlock(8), torch.rand(2, 8, 5, 4)
+    torch.testing.assert_close(block(maps), maps)
+    block(maps).square().mean().backward()
+    gradient = block.layers[-1].weight.grad
+    assert gradient is not None and gradient.abs().min() > 0
+
+
+@pytest.mark.parametrize("n_residual_blocks", [0, 2])
+def test_lerobot_acts_the_same_from_a_checkpoint(n_residual_blocks, tmp_path):
+    policy = make(replace(CONFIG, n_residual_blocks=n_residual_blocks))
+    for block in policy.model.model.backbones[0].features[6:]:
+        nn.init.ones_(block.layers[-1].weight)  # as if it had learned something
     policy.save(tmp_path)
     seen = observation(policy, 1)
     np.testing.assert_allclose(policy.act(seen), lerobot_chunk(tmp_path, seen), atol=1e-5)
@@ -108,6 +119,7 @@ def test_it_learns_where_a_spot_is():
     [
         ({"conv_channels": (12,)}, r"policy\.conv_channels=\[12\] must be multiples of 8"),
         ({"n_keypoints": 0}, r"policy\.n_keypoints must be at least 1, given 0"),
+        ({"n_residual_blocks": -1}, r"policy\.n_residual_blocks must be 0 or more, given -1"),
         ({"state_noise": -0.1}, r"policy\.state_noise must be 0 \(off\) or more"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import sys
 from collections.abc import Sequence
 from typing import override
 
@@ -12,6 +13,9 @@ from envs.core.errors import SimulatorError
 from envs.scenario import SURFACES, Appearance
 from envs.simulators.mujoco.render import RenderJob, fixed_view, metres_of_reversed_depth, texture_of
 from envs.simulators.mujoco.render_one_by_one import StagedRenderer
+
+_PLATFORM = "PYOPENGL_PLATFORM"
+"""Variable by which PyOpenGL chooses a library when it is first imported; MuJoCo sets it."""
 
 _SEGMENT_FLAGS = (int(mujoco.mjtRndFlag.mjRND_SEGMENT), int(mujoco.mjtRndFlag.mjRND_IDCOLOR))
 
@@ -108,12 +112,23 @@ def _open_context(width: int, height: int):
     chosen = os.environ.get("MUJOCO_GL", "").lower()
     backends = (chosen,) if chosen in ("egl", "osmesa", "glfw") else ("egl", "osmesa")
     reasons = []
+    platform = os.environ.get(_PLATFORM)
     for backend in backends:
         try:
             return importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
         except Exception as error:  # each backend fails with errors of its own
             reasons.append(f"{backend}: {error}")
+            _forget_platform(platform)
     raise SimulatorError(
         f"renderer=gl found no OpenGL ({'; '.join(reasons)}). Install libegl1 and libgl1, or libosmesa6, "
         "or take renderer=warp, which needs no system package."
     )
+
+
+def _forget_platform(before: str | None) -> None:
+    """Lets PyOpenGL choose its library again: what a backend that failed chose serves no other one."""
+    os.environ.pop(_PLATFORM, None)
+    if before is not None:
+        os.environ[_PLATFORM] = before
+    for name in [name for name in sys.modules if name.split(".")[0] == "OpenGL"]:
+        del sys.modules[name]

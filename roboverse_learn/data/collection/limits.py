@@ -63,7 +63,10 @@ def num_encoders(config: CollectConfig) -> int:
 
 
 def _bytes_of_env(config: CollectConfig) -> int:
-    """Memory of one environment, half the images of its longest episode, and half of those being encoded."""
+    """Memory of one environment and of the images of an episode of the longest kind.
+
+    Half of those are of the episode under way, and half of finished ones: up to half a batch is encoded.
+    """
     task = config.env.make_task()
     scenario = task.scenario.seen_by(config.env.cameras, config.env.image_size)
     pixels = sum(camera.height * camera.width for camera in scenario.cameras)

@@ -118,13 +118,16 @@ def run_batches(
 
     pending, most = deque[Future[Attempt]](), max(2 * threads, config.batch_size // 2)
     with ThreadPoolExecutor(threads) as pool:
-        for batch in batches:
-            for index, episode in _checked(source, batch):
-                pending.append(pool.submit(attempt, index, episode))
-                while pending and (pending[0].done() or len(pending) > most):
-                    yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
+        try:
+            for batch in batches:
+                for index, episode in _checked(source, batch):
+                    pending.append(pool.submit(attempt, index, episode))
+                    while pending and (pending[0].done() or len(pending) > most):
+                        yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:  # nobody waits for the others where this ends early
+            pool.shutdown(cancel_futures=True)
 
 
 def _checked(source: EpisodeSource, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:

@@ -23,6 +23,7 @@ from roboverse_learn.data.dataset.video import check_frames, decode_video
 from roboverse_learn.data.free_memory import free_memory_bytes
 from roboverse_learn.data.processes import end_with_parent, script_of_processes
 from roboverse_learn.data.shared_images import Place, can_share, to_fill
+from roboverse_learn.folder_lock import lock_directory
 
 _LOG = logging.getLogger(__name__)
 CACHE_DIRECTORY = ".cache"
@@ -174,22 +175,34 @@ def _decode_images(info: DatasetInfo, key: str, out: np.ndarray) -> None:
 
 def _mapped(info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: int) -> np.ndarray:
     """Returns a memory-mapped array of a feature's frames, decoding them the first time."""
-    folder = info.root / CACHE_DIRECTORY
-    path = folder / f"{key}.{_fingerprint(info, key)}.npy"
+    path = info.root / CACHE_DIRECTORY / f"{key}.{_fingerprint(info, key)}.npy"
     if not path.exists():
-        _LOG.info("Decoding '%s' to %s (%.1f GB).", key, path, np.prod(shape) / 1e9)
-        with atomic_path(path) as partial:
-            for stale in folder.glob(f"{key}.*.npy"):
-                stale.unlink()
-            out = np.lib.format.open_memmap(partial, mode="w+", dtype=np.uint8, shape=shape)
-            # Take the blocks now: a full disk is an error here and a crash in a mapped write.
-            if hasattr(os, "posix_fallocate"):
-                with open(partial, "r+b") as file:
-                    os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
-            _decode(info, key, out, num_threads)
-            out.flush()
+        # Another process would delete the partial file as one that a killed process left.
+        lock = lock_directory(info.root, wait=True)
+        try:
+            if not path.exists():  # nor did another process decode it in the meantime
+                _decode_to_file(info, key, shape, num_threads, path)
+        finally:
+            lock.release()
     # Copy-on-write, because torch needs writable memory.
     return np.lib.format.open_memmap(path, mode="c")
+
+
+def _decode_to_file(
+    info: DatasetInfo, key: str, shape: tuple[int, ...], num_threads: int, path: Path
+) -> None:
+    """Decodes a feature's frames to a file, in place of those of the feature as it was before."""
+    _LOG.info("Decoding '%s' to %s (%.1f GB).", key, path, np.prod(shape) / 1e9)
+    with atomic_path(path) as partial:
+        for stale in path.parent.glob(f"{key}.*.npy"):
+            stale.unlink()
+        out = np.lib.format.open_memmap(partial, mode="w+", dtype=np.uint8, shape=shape)
+        # Take the blocks now: a full disk is an error here and a crash in a mapped write.
+        if hasattr(os, "posix_fallocate"):
+            with open(partial, "r+b") as file:
+                os.posix_fallocate(file.fileno(), 0, partial.stat().st_size)
+        _decode(info, key, out, num_threads)
+        out.flush()
 
 
 def _fingerprint(info: DatasetInfo, key: str) -> str:

@@ -80,6 +80,7 @@ class DemonstrationSource:
         augments: Whether it takes the keys ``augment.*``.
         corrects: Whether it takes ``only_corrections``.
         native_observations: Whether it also records another benchmark's observation of the task.
+        changes_looks: Whether it takes ``collect.steps_per_look``.
         demonstrates: What demonstrates, for the report.
         columns: Further columns of its datasets: options of
             :func:`~roboverse_learn.data.dataset.schema.make_features`.
@@ -91,6 +92,7 @@ class DemonstrationSource:
     augments: ClassVar[bool] = False
     corrects: ClassVar[bool] = False
     native_observations: ClassVar[bool] = False
+    changes_looks: ClassVar[bool] = False
     demonstrates: ClassVar[str] = "the expert"
     columns: ClassVar[tuple[str, ...]] = ()
 
@@ -114,10 +116,14 @@ class DemonstrationSource:
             raise ConfigError(
                 f"Keys augment.* were given, and source={config.source} takes none. Add source=augment."
             )
-
         if config.only_corrections and not cls.corrects:
             raise ConfigError(
                 f"only_corrections=true was given, and source={config.source} has none. Add source=teleop."
+            )
+        if config.collect.steps_per_look and not cls.changes_looks:
+            raise ConfigError(
+                f"steps_per_look={config.collect.steps_per_look} was given, and source={config.source} keeps "
+                "the looks of its episodes. Add source=rerender, with from=<its dataset>."
             )
 
     @classmethod
@@ -157,7 +163,7 @@ class DemonstrationSource:
         env = self.config.env
         keys = ("task", "task_kwargs", "level", "only", "simulator", "renderer", "cameras", "image_size")
         scene = {key: getattr(env, key) for key in keys} | {"materials": env.materials or None}
-        return scene | spec_changes(env) | self.identity()
+        return scene | spec_changes(env) | self.identity() | self._looks_arguments()
 
     def identity(self) -> dict[str, Any]:
         """Returns the part of the settings that names the demonstrator; JSON values."""
@@ -165,7 +171,13 @@ class DemonstrationSource:
 
     def arguments(self) -> dict[str, Any]:
         """Returns the arguments of :attr:`episodes`; JSON values."""
-        return {"env": self.config.env.to_json(), "num_envs": self.config.collect.num_envs}
+        collect = self.config.collect
+        return {"env": self.config.env.to_json(), "num_envs": collect.num_envs} | self._looks_arguments()
+
+    def _looks_arguments(self) -> dict[str, int]:
+        """Returns how long a look stays; nothing where it stays for the whole episode."""
+        steps = self.config.collect.steps_per_look
+        return {"steps_per_look": steps} if steps else {}
 
     def candidates(self) -> list[int]:
         """Returns the episodes of the train split that are tried, in this order.

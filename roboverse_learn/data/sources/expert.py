@@ -10,6 +10,7 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.base import DemonstrationSource, spec_changes
+from roboverse_learn.data.sources.changing_looks import ChangingLooks
 
 
 class ExpertSource(DemonstrationSource):
@@ -17,6 +18,7 @@ class ExpertSource(DemonstrationSource):
 
     episodes: ClassVar = "roboverse_learn.data.sources.expert:ExpertEpisodes"
     native_observations: ClassVar = True
+    changes_looks: ClassVar = True
 
     @override
     def check(self) -> None:
@@ -40,13 +42,15 @@ class ExpertEpisodes:
     Args:
         env: JSON values of an :class:`~envs.spec.EnvSpec`.
         num_envs: Environments that step at once.
+        steps_per_look: Control steps after which an episode's look changes; 0 keeps it.
     """
 
-    def __init__(self, *, env: Mapping[str, Any], num_envs: int) -> None:
+    def __init__(self, *, env: Mapping[str, Any], num_envs: int, steps_per_look: int = 0) -> None:
         from benchmark.provenance import package_versions
 
         spec = EnvSpec.from_json(env)
         self._env = spec.make(num_envs, num_threads=1)  # the processes of a collection share the cores
+        self._on_step = ChangingLooks(self._env, steps_per_look) if steps_per_look else _keep_look
         self._metadata = {
             "task": spec.task,
             "task_kwargs": dict(spec.task_kwargs),
@@ -60,12 +64,14 @@ class ExpertEpisodes:
             "protocol_seed": self._env.protocol_seed,
             "versions": package_versions(),
         } | spec_changes(spec)
+        if steps_per_look:
+            self._metadata["steps_per_look"] = steps_per_look
 
     def attempts(self, indices: Sequence[int]) -> Iterator[tuple[int, EpisodeData | None]]:
         """Runs the expert on pool episodes, at most ``num_envs`` of them."""
         from envs.experts.actor import expert_episodes
 
-        for outcome in expert_episodes(self._env, list(indices)):
+        for outcome in expert_episodes(self._env, list(indices), on_step=self._on_step):
             yield int(outcome.episode), self._episode(outcome) if outcome.success else None
 
     def close(self) -> None:
@@ -90,3 +96,7 @@ class ExpertEpisodes:
             raw=outcome.raw,
             metadata=self._metadata | own | facts,
         )
+
+
+def _keep_look(episode: Any) -> None:
+    """Leaves an episode its look."""

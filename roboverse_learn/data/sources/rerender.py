@@ -29,6 +29,7 @@ class RerenderSource(DemonstrationSource):
 
     episodes: ClassVar = "roboverse_learn.data.sources.rerender:RerenderedEpisodes"
     native_observations: ClassVar = True
+    changes_looks: ClassVar = True
     needs: ClassVar = {
         "from_dataset": "<folder>: a dataset with raw states, as in from=datasets/PickCube/<name>."
     }
@@ -134,7 +135,7 @@ class RerenderedEpisodes(ExpertEpisodes):
             tail_steps=math.inf,
         )
         env = PlaybackEnv(self._env, states)
-        outcomes = in_order(rollout(env, actor, indices, record=("images", "states")))
+        outcomes = in_order(rollout(env, actor, indices, record=("images", "states"), on_step=self._on_step))
         for recording, (_, look), outcome in zip(recordings, places, outcomes, strict=True):
             facts = self._facts | source_facts(recording.metadata, look)
             yield int(outcome.episode), self._episode(outcome, **facts) if outcome.success else None

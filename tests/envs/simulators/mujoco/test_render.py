@@ -2,7 +2,10 @@
 
 import copy
 import dataclasses
+import os
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -276,6 +279,29 @@ def test_without_opengl_the_message_names_packages_and_the_other_renderer(model,
     message = r"renderer=gl found no OpenGL \(egl: no mujoco\.egl; osmesa: no .*libegl1.*renderer=warp"
     with pytest.raises(SimulatorError, match=message):
         render_gl.GlRenderer(model, SCENARIO)
+
+
+@pytest.mark.parametrize("given", [None, "egl"])
+def test_a_backend_that_fails_does_not_choose_the_library_of_the_next_one(given, monkeypatch):
+    seen = []
+
+    def backend(name):
+        seen.append((name, os.environ.get("PYOPENGL_PLATFORM"), "OpenGL.GL" in sys.modules))
+        if name == "mujoco.egl":  # it chooses a library, and then there is none
+            os.environ["PYOPENGL_PLATFORM"] = "egl"
+            monkeypatch.setitem(sys.modules, "OpenGL.GL", SimpleNamespace())
+            raise ImportError("no EGL")
+        return SimpleNamespace(GLContext=lambda width, height: (name, width, height))
+
+    for name in [name for name in sys.modules if name.startswith("OpenGL")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)
+    if given is not None:
+        monkeypatch.setenv("PYOPENGL_PLATFORM", given)
+    monkeypatch.setattr(render_gl.importlib, "import_module", backend)
+    assert render_gl._open_context(4, 3) == ("mujoco.osmesa", 4, 3)
+    assert seen == [("mujoco.egl", given, False), ("mujoco.osmesa", given, False)]
 
 
 @pytest.mark.parametrize(("library", "reason"), [(None, "there is no libvulkan"), ("x", "finds no device")])

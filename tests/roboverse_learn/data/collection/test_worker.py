@@ -39,3 +39,20 @@ def test_the_simulation_goes_on_while_half_a_batch_is_staged(tmp_path):
     batch = [1, 2, 3, 5, 6, 7]
     ended = list(run_batches(config(tmp_path, batch_size=12), Source(), [batch], threads=1, stage=stage))
     assert [index for index, _ in ended] == batch[::-1]
+
+
+def test_episodes_that_wait_to_be_staged_are_left_where_a_collection_is_stopped(tmp_path):
+    staged, stopped = [], threading.Event()
+
+    def stage(directory, episode):
+        if staged:
+            assert stopped.wait(60)
+        staged.append(directory)
+        return directory
+
+    batch = [1, 2, 3, 5, 6, 7]
+    running = run_batches(config(tmp_path, batch_size=12), SyntheticSource(), [batch], threads=1, stage=stage)
+    assert next(running)[0] == 7
+    threading.Timer(0.2, stopped.set).start()
+    running.close()
+    assert len(staged) <= 2, "The one under way ends; the others were not begun."

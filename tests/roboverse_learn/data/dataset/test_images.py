@@ -2,14 +2,16 @@ import re
 import shutil
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from envs.core.errors import DatasetError
+from envs.core.errors import DatasetError, LockedError
 from roboverse_learn.data import DatasetInfo
 from roboverse_learn.data.dataset import images
 from roboverse_learn.data.dataset.images import damaged_videos, load_images
+from roboverse_learn.folder_lock import lock_directory
 
 pytestmark = pytest.mark.slow
 
@@ -86,3 +88,44 @@ def test_every_damaged_video_is_named_without_decoding_one(written, tmp_path, mo
     assert len(found) == len(said)
     for (index, words), error in zip(sorted(said.items()), found, strict=True):
         assert f"{files[index]}'" in str(error) and re.search(words, str(error)), error
+
+
+def test_no_process_writes_to_a_dataset_whose_images_are_decoded_to_a_file(written, tmp_path, monkeypatch):
+    info = DatasetInfo.open(shutil.copytree(written, tmp_path / "copy"))
+    key, decode, refused = info.camera_keys[0], images._decode, []
+
+    def decode_while_another_tries(*args):
+        with pytest.raises(LockedError):
+            lock_directory(info.root)
+        refused.append(True)
+        decode(*args)
+
+    monkeypatch.setattr(images, "_decode", decode_while_another_tries)
+    load_images(info, [key], 1e-12, num_threads=2)
+    assert refused == [True]
+    lock_directory(info.root).release()
+
+
+def test_images_that_two_programs_want_at_once_are_decoded_once(written, tmp_path, monkeypatch):
+    info = DatasetInfo.open(shutil.copytree(written, tmp_path / "copy"))
+    key, decode, decoded = info.camera_keys[0], images._decode, []
+
+    def count(*args):
+        decoded.append(True)
+        decode(*args)
+
+    monkeypatch.setattr(images, "_decode", count)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(lambda _: load_images(info, [key], 1e-12, num_threads=1)[key], range(2))
+    assert decoded == [True]
+    np.testing.assert_array_equal(first, second)
+
+
+def test_the_lock_of_a_dataset_is_released_when_decoding_fails(written, tmp_path):
+    info = DatasetInfo.open(shutil.copytree(written, tmp_path / "copy"))
+    key = info.camera_keys[0]
+    video = info.video_file(0, key)
+    video.write_bytes(video.read_bytes()[:200])
+    with pytest.raises(DatasetError, match=video.name):
+        load_images(info, [key], 1e-12, num_threads=1)
+    lock_directory(info.root).release()
