@@ -94,19 +94,25 @@ class KeypointAct(nn.Module):
             Normalized actions (B, T, A); and, as LeRobot's ACT, the parameters of a style variable, which
             this network does not have.
         """
-        state = batch[OBS_STATE]
+        keypoints = [
+            backbone(images) for images, backbone in zip(batch[OBS_IMAGES], self.backbones, strict=True)
+        ]
+        # In bf16, a coordinate would be off by up to 0.1 pixels of 96: only the convolutions compute in it.
+        with torch.autocast(keypoints[0].device.type, enabled=False):
+            return self.action_head(self.norm(self._decoded(batch[OBS_STATE], keypoints))), (None, None)
+
+    def _decoded(self, state: Tensor, keypoints: list[Tensor]) -> Tensor:
+        """Returns what the queries attend to in the joints (B, J) and keypoints (B, 2 K), (B, T, D)."""
         tokens = [self.state_token(state).unsqueeze(1)]
-        for images, backbone, project in zip(
-            batch[OBS_IMAGES], self.backbones, self.image_tokens, strict=True
-        ):
-            tokens.append(project(backbone(images)).unflatten(1, (-1, self.queries.shape[1])))
+        for coordinates, project in zip(keypoints, self.image_tokens, strict=True):
+            tokens.append(project(coordinates).unflatten(1, (-1, self.queries.shape[1])))
         memory = torch.cat(tokens, 1) + self.positions
         for block in self.encoder:
             memory = block(memory)
         decoded = self.queries.unsqueeze(0)
         for block in self.decoder:
             decoded = block(decoded, memory)
-        return self.action_head(self.norm(decoded)), (None, None)
+        return decoded
 
 
 class KeypointBackbone(nn.Module):
@@ -168,9 +174,10 @@ class ResidualBlock(nn.Module):
 
 def spatial_softmax(maps: Tensor) -> Tensor:
     """Returns the keypoints of heatmaps (B, K, H, W): rows, then columns, from -1 to 1, (B, 2 K)."""
-    weights = maps.flatten(2).softmax(-1).view_as(maps)
-    rows, columns = (torch.linspace(-1, 1, size, device=maps.device) for size in maps.shape[2:])
-    return torch.cat([weights.sum(3) @ rows, weights.sum(2) @ columns], 1)
+    with torch.autocast(maps.device.type, enabled=False):
+        weights = maps.float().flatten(2).softmax(-1).view_as(maps)
+        rows, columns = (torch.linspace(-1, 1, size, device=maps.device) for size in maps.shape[2:])
+        return torch.cat([weights.sum(3) @ rows, weights.sum(2) @ columns], 1)
 
 
 class Attention(nn.Module):

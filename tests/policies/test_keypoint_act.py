@@ -126,3 +126,23 @@ def test_it_learns_where_a_spot_is():
 def test_a_wrong_size_is_refused(setting, said):
     with pytest.raises(PolicyError, match=said):
         replace(CONFIG, **setting)
+
+
+def test_autocast_computes_the_convolutions_alone_in_bf16():
+    policy, samples = make(), batch()
+    seen = {}
+    network = policy.model.model
+    handles = [
+        module.register_forward_hook(lambda _, __, out, name=name: seen.__setitem__(name, out.dtype))
+        for name, module in network.named_modules()
+        if isinstance(module, nn.Conv2d | nn.Linear)
+    ]
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        policy.loss(samples)
+    for handle in handles:
+        handle.remove()
+    kinds = {
+        kind: {dtype for name, dtype in seen.items() if ("backbones" in name) == kind}
+        for kind in (True, False)
+    }
+    assert kinds == {True: {torch.bfloat16}, False: {torch.float32}}
