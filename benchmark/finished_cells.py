@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark.protocol import Cell
-from benchmark.records import EpisodeRecord
+from benchmark.records import EpisodeRecord, by_cell
 from envs.core.atomic import write_file
 from envs.core.fingerprint import fingerprint
 
@@ -61,7 +61,4 @@ class FinishedCells:
                 "The finished cells in '%s' cannot be read (%s); they are evaluated again.", self.path, error
             )
             return {}
-        cells: dict[Cell, list[EpisodeRecord]] = {}
-        for record in records:
-            cells.setdefault(record.cell, []).append(record)
-        return cells
+        return by_cell(records)

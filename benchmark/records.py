@@ -217,6 +217,14 @@ class Result:
         return summarize(self.records, stopped_early=self.protocol.width is not None)
 
 
+def by_cell(records: Iterable[EpisodeRecord]) -> dict[Cell, list[EpisodeRecord]]:
+    """Returns the episodes of every cell, the cells in the order in which they first appear."""
+    groups: dict[Cell, list[EpisodeRecord]] = {}
+    for record in records:
+        groups.setdefault(record.cell, []).append(record)
+    return groups
+
+
 def summarize(records: Iterable[EpisodeRecord], *, stopped_early: bool = False) -> tuple[CellSummary, ...]:
     """Returns the summary of every cell, in the order in which the cells first appear.
 
@@ -227,11 +235,8 @@ def summarize(records: Iterable[EpisodeRecord], *, stopped_early: bool = False) 
     Raises:
         ResultError: The records of one cell disagree on what varied, or hold a number that is not finite.
     """
-    by_cell: dict[Cell, list[EpisodeRecord]] = {}
-    for record in records:
-        by_cell.setdefault(record.cell, []).append(record)
     interval = confidence_sequence if stopped_early else wilson
-    return tuple(_summarize_cell(cell, members, interval) for cell, members in by_cell.items())
+    return tuple(_summarize_cell(cell, members, interval) for cell, members in by_cell(records).items())
 
 
 def _summarize_cell(
@@ -270,29 +275,26 @@ def check_complete(protocol: Protocol, records: Sequence[EpisodeRecord]) -> None
         ResultError: A cell is missing or extra, has another number of episodes, an episode twice, or
             other episodes than another cell of its split.
     """
-    by_cell: dict[Cell, list[int]] = {}
-    outcomes: dict[Cell, list[bool]] = {}
-    for record in records:
-        by_cell.setdefault(record.cell, []).append(record.episode)
-        outcomes.setdefault(record.cell, []).append(record.success)
-    missing = [str(cell) for cell in protocol.cells() if cell not in by_cell]
-    extra = [str(cell) for cell in by_cell if cell not in protocol.cells()]
+    groups = by_cell(records)
+    missing = [str(cell) for cell in protocol.cells() if cell not in groups]
+    extra = [str(cell) for cell in groups if cell not in protocol.cells()]
     if missing or extra:
         raise ResultError(
             f"The protocol's cells and the records' differ: missing {'; '.join(missing) or 'none'}, "
             f"unexpected {'; '.join(extra) or 'none'}."
         )
-    for cell, episodes in by_cell.items():
+    indices = {cell: [record.episode for record in members] for cell, members in groups.items()}
+    for cell, episodes in indices.items():
         needed = protocol.episodes
         if protocol.width is not None:
-            needed = narrow_after(outcomes[cell], protocol.width) or needed
+            needed = narrow_after([record.success for record in groups[cell]], protocol.width) or needed
         if len(episodes) != needed or len(set(episodes)) != len(episodes):
             raise ResultError(
                 f"{str(cell).capitalize()} has {len(episodes)} records of {len(set(episodes))} episodes; the "
                 f"protocol needs {needed}, each once."
             )
     for split in protocol.splits:
-        of_split = [episodes for cell, episodes in by_cell.items() if cell.split == split]
+        of_split = [episodes for cell, episodes in indices.items() if cell.split == split]
         longest = max(of_split, key=len)
         if any(set(episodes) != set(longest[: len(episodes)]) for episodes in of_split):
             raise ResultError(f"The cells of the {split} split are not of the same episodes.")

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmark.leaderboard.recipe_settings import differing, learned_settings, said
 from benchmark.protocol import Cell
-from benchmark.records import EpisodeRecord, Result
+from benchmark.records import EpisodeRecord, Result, by_cell
 from benchmark.results import video_dir
 from benchmark.statistics import iqm, iqm_of_strata, mean_of_rates, rate_of_runs, stratified_bootstrap
 from envs.core.fingerprint import canonical_json
@@ -139,7 +139,13 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         entries: The runs, ordered by seed.
     """
     first = entries[0][1]
-    cells = [_cell(cell, [result for _, result in entries]) for cell in first.protocol.cells()]
+    results = [result for _, result in entries]
+    episodes = [by_cell(result.records) for result in results]
+    early = any(result.protocol.width is not None for result in results)
+    cells = [
+        _cell(cell, [of_run[cell] for of_run in episodes], stopped_early=early)
+        for cell in first.protocol.cells()
+    ]
     test = [cell for cell in cells if cell["split"] == "test" and cell["level"] is not None]
     mean = mean_of_rates([_interval(cell) for cell in test]) if test else None
     key = row_key(first)
@@ -151,7 +157,7 @@ def build_row(results_dir: Path, entries: list[Entry]) -> dict[str, Any]:
         "seeds": [result.seed for _, result in entries],
         "cells": cells,
         "mean_test": dict(zip(("success_rate", "ci_low", "ci_high"), mean, strict=True)) if mean else None,
-        "iqm_test": _iqm_over_runs([result for _, result in entries]),
+        "iqm_test": _iqm_over_runs(first.protocol.cells(), episodes),
         "runs": [_run(path, result) for path, result in entries],
         "videos": [video for path, _ in entries for video in _videos(results_dir, path)],
     }
@@ -187,9 +193,8 @@ def _run(path: str, result: Result) -> dict[str, Any]:
     }
 
 
-def _cell(cell: Cell, results: list[Result]) -> dict[str, Any]:
-    members = [[record for record in result.records if record.cell == cell] for result in results]
-    stopped_early = any(result.protocol.width is not None for result in results)
+def _cell(cell: Cell, members: list[list[EpisodeRecord]], *, stopped_early: bool) -> dict[str, Any]:
+    """Returns the summary of a cell of which each run has some episodes."""
     rate, low, high = rate_of_runs([_successes(records) for records in members], stopped_early=stopped_early)
     flat = [record for records in members for record in records]
     return {
@@ -215,15 +220,14 @@ def _interval(cell: Mapping[str, Any]) -> tuple[float, float, float]:
     return cell["success_rate"], cell["ci_low"], cell["ci_high"]
 
 
-def _iqm_over_runs(results: list[Result]) -> dict[str, float] | None:
+def _iqm_over_runs(
+    cells: Iterable[Cell], episodes: list[dict[Cell, list[EpisodeRecord]]]
+) -> dict[str, float] | None:
     """Returns the interquartile mean over runs and levels of the test split, or None for too few runs."""
-    cells = [cell for cell in results[0].protocol.cells() if cell.split == "test" and cell.level is not None]
-    if len(results) < _LEAST_RUNS_FOR_IQM or not cells:
+    tested = [cell for cell in cells if cell.split == "test" and cell.level is not None]
+    if len(episodes) < _LEAST_RUNS_FOR_IQM or not tested:
         return None
-    scores = [
-        np.array([_successes(r for r in result.records if r.cell == cell).mean() for result in results])
-        for cell in cells
-    ]
+    scores = [np.array([_successes(of_run[cell]).mean() for of_run in episodes]) for cell in tested]
     low, high = stratified_bootstrap(scores, iqm_of_strata, seed=0)
     return {"success_rate": iqm(np.stack(scores)), "ci_low": low, "ci_high": high}
 

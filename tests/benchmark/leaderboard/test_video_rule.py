@@ -1,5 +1,6 @@
 """One success and one failure per entry and level stay; the folder of results stays small."""
 
+import shutil
 import subprocess
 from dataclasses import asdict
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmark.leaderboard import build as leaderboard
+from benchmark.leaderboard.section_plots import draw_sections
 from benchmark.leaderboard.video_rule import KEEP_FILE, kept_videos, named_videos, remove_other_videos
 from benchmark.results import ResultError, video_dir
 from roboverse_learn.training.config import TrainConfig
@@ -88,16 +90,32 @@ def test_a_keep_file_with_a_video_that_is_not_there_removes_nothing(filmed, tmp_
     assert (tmp_path / study / "level0-test-9001-success.mp4").exists()
 
 
-@pytest.mark.slow
-def test_the_videos_of_this_repository_are_those_of_the_rule():
-    results = ROOT / "results"
+@pytest.fixture(scope="module")
+def published():
+    """The leaderboard of this repository's results."""
     git = ["git", "-C", str(ROOT), "ls-files", "--others", "--exclude-standard", "results/v2"]
     own = subprocess.run(git, capture_output=True, text=True, check=False)
     if own.returncode == 0 and own.stdout:
         pytest.skip("the folder has runs of one's own")
-    kept = kept_videos(leaderboard.build(results, asdict(TrainConfig()))) | named_videos(results)
+    return leaderboard.build(ROOT / "results", asdict(TrainConfig()))
+
+
+@pytest.mark.slow
+def test_the_videos_of_this_repository_are_those_of_the_rule(published):
+    results = ROOT / "results"
+    kept = kept_videos(published) | named_videos(results)
     there = {path.relative_to(results).as_posix() for path in results.rglob("*.mp4")}
     assert there == kept
+
+
+@pytest.mark.slow
+def test_a_clone_renders_no_plot_of_this_repository_again(published, tmp_path):
+    plots = shutil.copytree(ROOT / "results/plots", tmp_path / "plots")
+    before = {path.name: path.stat().st_mtime_ns for path in plots.iterdir()}
+    drawn = draw_sections(tmp_path, published)
+    assert {path.name for path in drawn.values()} == set(before)
+    rendered = [path.name for path in plots.iterdir() if path.stat().st_mtime_ns != before[path.name]]
+    assert not rendered, "run roboverse leaderboard, and commit all of results/plots"
 
 
 def test_the_results_of_this_repository_are_below_45_megabytes():
