@@ -14,7 +14,7 @@ from tests.understood import understand
 
 ROOT = Path(__file__).parents[1]
 STEPS = (
-    *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "level3"),
+    *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "level3", "new_looks"),
     *("nuts_diffusion", "ppo_rgb", "h1hand"),
     *("generated", "corrections", "multi_task", "multi_task_long", "wording", "grasp", "grasp_vla"),
     *("libero", "calvin", "axes"),
@@ -64,6 +64,8 @@ def test_a_steps_commands_are_understood(step: str, tmp_path: Path) -> None:
 def check_program(module: str, words: list[str]) -> None:
     if module == "roboverse_learn.training.imitation.small_backbone":
         from roboverse_learn.training.imitation.small_backbone import BackboneSettings as Settings
+    elif module == "envs.randomization.new_materials":
+        from envs.randomization.new_materials import NewMaterialsSettings as Settings
     else:
         assert module == "roboverse_learn.teleoperation.correction_study"
         from roboverse_learn.teleoperation.correction_study import StudySettings as Settings

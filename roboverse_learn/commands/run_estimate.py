@@ -45,15 +45,22 @@ def beside_training(config: TrainRunConfig) -> BesideTraining | None:
     one = len(config.tasks) == 1 and config.source == "expert" and not config.dataset
     if not one or HANDLERS.get(config.env.simulator).steps_together:
         return None
-    timed = time_demonstration(config.env)
+    timed, steps_per_look = time_demonstration(config.env), config.collect.steps_per_look
+    collected = time_demonstration(config.env, steps_per_look) if steps_per_look else timed
     return BesideTraining(
-        collect_s=_missing(config) * timed.seconds / num_cores(), evaluate_s=_evaluation_s(config, timed)
+        collect_s=_missing(config) * collected.seconds / num_cores(), evaluate_s=_evaluation_s(config, timed)
     )
 
 
-def time_demonstration(spec: EnvSpec) -> DemonstrationTime:
-    """Times the expert's first training episode on one core, with its images and without."""
+def time_demonstration(spec: EnvSpec, steps_per_look: int = 0) -> DemonstrationTime:
+    """Times the expert's first training episode on one core, with its images and without.
+
+    Args:
+        spec: The environment.
+        steps_per_look: Control steps after which the episode's look changes; 0 keeps it.
+    """
     from envs.experts.actor import expert_episodes
+    from roboverse_learn.data.sources.changing_looks import ChangingLooks
 
     with contextlib.closing(spec.make(1, num_threads=1)) as env:
         first = env.split_indices[:1].tolist()
@@ -61,7 +68,8 @@ def time_demonstration(spec: EnvSpec) -> DemonstrationTime:
 
         def timed(record: Collection[str]) -> tuple[float, int]:
             start = time.perf_counter()
-            (episode,) = expert_episodes(env, first, record=record)
+            change = ChangingLooks(env, steps_per_look) if steps_per_look else lambda episode: None
+            (episode,) = expert_episodes(env, first, record=record, on_step=change)
             return time.perf_counter() - start, episode.length
 
         seconds, steps = timed(("images", "states"))

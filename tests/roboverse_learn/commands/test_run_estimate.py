@@ -40,6 +40,19 @@ def test_demonstrations_and_test_episodes_share_the_cores(timed) -> None:
     assert others.evaluate_s == pytest.approx(40 * (50 + 100 + 100) * step_s)
 
 
+def test_looks_that_change_count_for_collecting_alone(timed, monkeypatch) -> None:
+    plain = DemonstrationTime(seconds=1.0, without_images_s=0.1, steps=50)
+    times = {(): plain, (4,): DemonstrationTime(seconds=3.0, without_images_s=0.1, steps=50)}
+    monkeypatch.setattr(run_estimate, "time_demonstration", lambda spec, *steps: times[steps])
+    words = (*TASK, "num_demos=300", "level=3")
+    kept, changing = (
+        beside_training(compose("train", [*words, *more])) for more in ([], ["steps_per_look=4"])
+    )
+    assert kept is not None and changing is not None
+    assert changing.collect_s == 3 * kept.collect_s
+    assert changing.evaluate_s == kept.evaluate_s
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("policy", ["act", "diffusion"])
 def test_an_untrained_policy_is_timed(policy: str) -> None:
@@ -91,4 +104,5 @@ def test_an_estimate_writes_nothing(tmp_path: Path, monkeypatch) -> None:
     demonstration = time_demonstration(config.env)
     assert 0 < demonstration.without_images_s <= demonstration.seconds
     assert 10 < demonstration.steps <= 100
+    assert time_demonstration(config.env, 1).steps == demonstration.steps
     assert not list(tmp_path.iterdir())
