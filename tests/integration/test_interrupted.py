@@ -22,7 +22,17 @@ from tests.integration.main_run import TINY, MainRun
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = ROOT / "roboverse_learn/train.py"
 LOSSES = ("step", "loss", "lr", "grad_norm")
+
+COMMITS_EACH_ALONE = f"""
+import functools, runpy, sys
+from roboverse_learn.data.collection import pool
+pool.together = functools.partial(pool.together, within_s=0.0)
+sys.argv[0] = {str(SCRIPT)!r}
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+"""The command, which commits no episodes together: a fast machine has all of them within that second."""
 
 
 class Interrupted:
@@ -38,7 +48,7 @@ class Interrupted:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.found: dict[str, dict[str, object]] = {}
-        self._kill("collect", self._first_episode_is_committed)
+        self._kill("collect", self._first_episode_is_committed, COMMITS_EACH_ALONE)
         self._kill("train", self._first_checkpoint_is_written)
         self._kill("evaluate", self._first_cell_is_evaluated)
         process = self._start()
@@ -50,13 +60,12 @@ class Interrupted:
     def _log(self) -> Path:
         return self.folder / "log.txt"
 
-    def _start(self) -> BaseProcess:
-        script = ROOT / "roboverse_learn/train.py"
-        return imported_process.start(script, *TINY, folder=self.folder, out=self._log)
+    def _start(self, program: Path | str = SCRIPT) -> BaseProcess:
+        return imported_process.start(program, *TINY, folder=self.folder, out=self._log)
 
-    def _kill(self, stage: str, reached: Callable[[], bool]) -> None:
+    def _kill(self, stage: str, reached: Callable[[], bool], program: Path | str = SCRIPT) -> None:
         """Starts the command and kills it as soon as ``reached`` says so."""
-        process = self._start()
+        process = self._start(program)
         until = time.monotonic() + 240
         while not reached():
             assert process.is_alive(), f"ended before the kill in {stage}: {self._log.read_text()}"
