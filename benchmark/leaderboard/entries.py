@@ -14,7 +14,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from benchmark.leaderboard.recipe_settings import learned_settings
-from benchmark.leaderboard.rows import demonstrated_by, policy_and_backend, trained_with, training_length
+from benchmark.leaderboard.rows import (
+    demonstrated_by,
+    policy_and_backend,
+    steps_per_look,
+    trained_with,
+    training_length,
+)
 from benchmark.records import Result
 from envs.core.fingerprint import canonical_json, digest
 
@@ -129,6 +135,8 @@ def _budget_key(result: Result) -> str | None:
         "settings": learned_settings(trained.get("policy"), trained.get("train")),
         **training_length(result),
     }
+    if steps := steps_per_look(result):  # without it an entry keeps its id
+        shared["steps_per_look"] = steps
     return canonical_json(["preset", result.policy, preset, shared])
 
 

@@ -81,12 +81,19 @@ def demonstrated_by(result: Result) -> dict[str, str]:
 
 
 def _trained_in(result: Result) -> dict[str, Any]:
-    """Returns what was changed of the scene and the materials of the demonstrations."""
+    """Returns what was changed of the scene, the materials and the looks of the demonstrations."""
     trained = trained_with(result)
     return {
         "training materials": trained.get("materials") or "built-in",
         "training scenario": trained.get("scenario") or "as it is",
+        "steps_per_look": steps_per_look(result),
     }
+
+
+def steps_per_look(result: Result) -> int:
+    """Returns the control steps after which the look of a demonstration changed; 0 where it stayed."""
+    collect = trained_with(result).get("collect")
+    return (collect.get("steps_per_look") or 0) if isinstance(collect, Mapping) else 0
 
 
 def training_length(result: Result) -> dict[str, Any]:

@@ -68,7 +68,8 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
     if is_collected_here(info.root):
         before, _ = read_record(info.root)
         now = DemonstrationSource(config).settings()
-        check_settings(info.root, before, now, keys={*now, "robot", "simulator_settings", "scenario"})
+        unusual = ("robot", "simulator_settings", "scenario", "steps_per_look")  # left out where they are not
+        check_settings(info.root, before, now, keys={*now, *unusual})
         return GivenDataset(info, config, None if config.env.only else config.env.level, config.env.only)
     _check_tasks(info, config)
     variations = {(each.get("level"), each.get("only")) for each in info.episode_metadata}

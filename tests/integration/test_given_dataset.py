@@ -1,5 +1,6 @@
 """``train dataset=``: datasets of LeRobot's tools and of other robots are trained on as they are."""
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -153,6 +154,11 @@ def test_a_dataset_of_ours_is_trained_on_and_never_collected_into(
     assert (facts["num_episodes"], facts["level"]) == (4, 0)
     assert cli.main([*words, "level=3"]) == 2
     assert "was begun with level=0; now given: level=3" in capsys.readouterr().err
+    recorded = json.loads((root / COLLECTION_PATH).read_text())
+    changing = recorded | {"settings": recorded["settings"] | {"steps_per_look": 1}}
+    (root / COLLECTION_PATH).write_text(json.dumps(changing))
+    assert cli.main(words) == 2
+    assert "was begun with steps_per_look=1; now given: steps_per_look=None" in capsys.readouterr().err
     # Without the record of its collection, each episode still says its task and level.
     (root / COLLECTION_PATH).unlink()
     assert cli.main([*words, "level=3", "train.steps=2"]) == 0

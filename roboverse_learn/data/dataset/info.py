@@ -269,7 +269,7 @@ def read_episodes(root: Path, *, with_stats: bool = False) -> list[dict[str, Any
 
 _IDENTITY = (
     *("task", "task_kwargs", "robot", "scenario", "simulator", "simulator_settings", "renderer"),
-    *("level", "channels", "split", "protocol_seed", "episode", "source_episode"),
+    *("level", "channels", "steps_per_look", "split", "protocol_seed", "episode", "source_episode"),
     *("source", "policy", "weights", "sources", "file_sha256", "demonstration"),
 )
 """Metadata in which episodes of one pool index differ: their environment, and who demonstrated."""

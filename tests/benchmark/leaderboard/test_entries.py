@@ -85,6 +85,7 @@ def test_a_changed_preset_counts_where_two_tasks_learned_with_one_budget_at_one_
         {"checkpoint": Checkpoint(step=3000, hash="ab" * 32), "config": settings(steps=3000)},
         {"policy": "diffusion"},
         {"image_size": 64, "config": settings() | {"image_size": 64}},
+        {"config": settings() | {"collect": {"steps_per_look": 1}}},
     ],
 )
 def test_another_budget_is_not_shared(publish, tmp_path, other):

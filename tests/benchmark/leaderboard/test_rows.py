@@ -75,6 +75,7 @@ def test_irrelevant_settings_do_not_split_rows(publish, tmp_path):
     [
         ({"materials": "+images"}, "training materials +images"),
         ({"scenario": {"room": None}}, 'training scenario {"room":null}'),
+        ({"collect": {"steps_per_look": 4}}, "steps_per_look 4"),
     ],
 )
 def test_what_was_trained_in_another_scene_is_a_row_of_its_own(publish, tmp_path, trained, said):

@@ -44,6 +44,7 @@ def test_the_result_does_not_depend_on_the_parts(tmp_path, open_with_lerobot):
         {"renderer": "gl"},
         {"task_kwargs": {"variant": "lift"}},
         {"scenario": {"room": None}},
+        {"steps_per_look": 1},
         {"source": "teleop", "file_sha256": "5e"},
         {"source": "policy", "policy": "ppo", "weights": "7a"},
     ],
