@@ -18,11 +18,13 @@ class DemonstrationTime:
         seconds: All in: physics, the expert and the images of every step.
         without_images_s: The same without images.
         steps: Its control steps.
+        collected_s: All in, with the looks that it has in a collection.
     """
 
     seconds: float
     without_images_s: float
     steps: int
+    collected_s: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -45,10 +47,9 @@ def beside_training(config: TrainRunConfig) -> BesideTraining | None:
     one = len(config.tasks) == 1 and config.source == "expert" and not config.dataset
     if not one or HANDLERS.get(config.env.simulator).steps_together:
         return None
-    timed, steps_per_look = time_demonstration(config.env), config.collect.steps_per_look
-    collected = time_demonstration(config.env, steps_per_look) if steps_per_look else timed
+    timed = time_demonstration(config.env, config.collect.steps_per_look)
     return BesideTraining(
-        collect_s=_missing(config) * collected.seconds / num_cores(), evaluate_s=_evaluation_s(config, timed)
+        collect_s=_missing(config) * timed.collected_s / num_cores(), evaluate_s=_evaluation_s(config, timed)
     )
 
 
@@ -57,24 +58,28 @@ def time_demonstration(spec: EnvSpec, steps_per_look: int = 0) -> DemonstrationT
 
     Args:
         spec: The environment.
-        steps_per_look: Control steps after which the episode's look changes; 0 keeps it.
+        steps_per_look: Control steps after which the look changes in a collection; 0 keeps it.
     """
     from envs.experts.actor import expert_episodes
+    from envs.rollout import OnStep
     from roboverse_learn.data.sources.changing_looks import ChangingLooks
 
     with contextlib.closing(spec.make(1, num_threads=1)) as env:
         first = env.split_indices[:1].tolist()
         env.reset(options={"episode": first[0]})[0]["pixels"].copy()  # compiles what is not compiled yet
 
-        def timed(record: Collection[str]) -> tuple[float, int]:
+        def timed(record: Collection[str], on_step: OnStep = lambda episode: None) -> tuple[float, int]:
             start = time.perf_counter()
-            change = ChangingLooks(env, steps_per_look) if steps_per_look else lambda episode: None
-            (episode,) = expert_episodes(env, first, record=record, on_step=change)
+            (episode,) = expert_episodes(env, first, record=record, on_step=on_step)
             return time.perf_counter() - start, episode.length
 
-        seconds, steps = timed(("images", "states"))
+        all_in = ("images", "states")
+        seconds, steps = timed(all_in)
         return DemonstrationTime(
-            seconds=seconds, without_images_s=min(timed(("states",))[0], seconds), steps=steps
+            seconds=seconds,
+            without_images_s=min(timed(("states",))[0], seconds),
+            steps=steps,
+            collected_s=timed(all_in, ChangingLooks(env, steps_per_look))[0] if steps_per_look else seconds,
         )
 
 

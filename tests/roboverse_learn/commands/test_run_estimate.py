@@ -9,6 +9,7 @@ from roboverse_learn import train as command
 from roboverse_learn.commands import run_estimate
 from roboverse_learn.commands.run_estimate import DemonstrationTime, beside_training, time_demonstration
 from roboverse_learn.config.compose import compose
+from roboverse_learn.data.sources.changing_looks import ChangingLooks
 from roboverse_learn.training.learners import Learner
 
 TASK = ("policy=act", "task=PickCube", "policy.n_action_steps=10")
@@ -23,8 +24,13 @@ def timed(monkeypatch, tmp_path) -> None:
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(run_estimate, "num_cores", lambda: 2)
-    demonstration = DemonstrationTime(seconds=1.0, without_images_s=0.1, steps=50)
-    monkeypatch.setattr(run_estimate, "time_demonstration", lambda spec: demonstration)
+    monkeypatch.setattr(
+        run_estimate,
+        "time_demonstration",
+        lambda spec, steps_per_look: DemonstrationTime(
+            seconds=1.0, without_images_s=0.1, steps=50, collected_s=3.0 if steps_per_look else 1.0
+        ),
+    )
     monkeypatch.setattr(run_estimate, "time_policy", lambda config: (0.03, 10))
 
 
@@ -40,10 +46,7 @@ def test_demonstrations_and_test_episodes_share_the_cores(timed) -> None:
     assert others.evaluate_s == pytest.approx(40 * (50 + 100 + 100) * step_s)
 
 
-def test_looks_that_change_count_for_collecting_alone(timed, monkeypatch) -> None:
-    plain = DemonstrationTime(seconds=1.0, without_images_s=0.1, steps=50)
-    times = {(): plain, (4,): DemonstrationTime(seconds=3.0, without_images_s=0.1, steps=50)}
-    monkeypatch.setattr(run_estimate, "time_demonstration", lambda spec, *steps: times[steps])
+def test_looks_that_change_count_for_collecting_alone(timed) -> None:
     words = (*TASK, "num_demos=300", "level=3")
     kept, changing = (
         beside_training(compose("train", [*words, *more])) for more in ([], ["steps_per_look=4"])
@@ -104,5 +107,10 @@ def test_an_estimate_writes_nothing(tmp_path: Path, monkeypatch) -> None:
     demonstration = time_demonstration(config.env)
     assert 0 < demonstration.without_images_s <= demonstration.seconds
     assert 10 < demonstration.steps <= 100
-    assert time_demonstration(config.env, 1).steps == demonstration.steps
+    assert demonstration.collected_s == demonstration.seconds
+    changes: list[int] = []
+    monkeypatch.setattr(ChangingLooks, "__call__", lambda self, episode: changes.append(episode.length))
+    changing = time_demonstration(config.env, 1)
+    assert changing.steps == demonstration.steps
+    assert changes == list(range(changing.steps + 1))  # in one of its three passes
     assert not list(tmp_path.iterdir())

@@ -90,7 +90,22 @@ def test_every_damaged_video_is_named_without_decoding_one(written, tmp_path, mo
         assert f"{files[index]}'" in str(error) and re.search(words, str(error)), error
 
 
-def test_no_process_writes_to_a_dataset_whose_images_are_decoded_to_a_file(written, tmp_path, monkeypatch):
+@pytest.fixture
+def locks(monkeypatch):
+    """The locks that are taken; kept, since one that nobody has is released."""
+    taken = []
+
+    def take(*args, **options):
+        taken.append(lock_directory(*args, **options))
+        return taken[-1]
+
+    monkeypatch.setattr(images, "lock_directory", take)
+    return taken
+
+
+def test_no_process_writes_to_a_dataset_whose_images_are_decoded_to_a_file(
+    written, tmp_path, monkeypatch, locks
+):
     info = DatasetInfo.open(shutil.copytree(written, tmp_path / "copy"))
     key, decode, refused = info.camera_keys[0], images._decode, []
 
@@ -103,6 +118,7 @@ def test_no_process_writes_to_a_dataset_whose_images_are_decoded_to_a_file(writt
     monkeypatch.setattr(images, "_decode", decode_while_another_tries)
     load_images(info, [key], 1e-12, num_threads=2)
     assert refused == [True]
+    assert [lock.is_locked for lock in locks] == [False]
     lock_directory(info.root).release()
 
 
@@ -121,11 +137,12 @@ def test_images_that_two_programs_want_at_once_are_decoded_once(written, tmp_pat
     np.testing.assert_array_equal(first, second)
 
 
-def test_the_lock_of_a_dataset_is_released_when_decoding_fails(written, tmp_path):
+def test_the_lock_of_a_dataset_is_released_when_decoding_fails(written, tmp_path, locks):
     info = DatasetInfo.open(shutil.copytree(written, tmp_path / "copy"))
     key = info.camera_keys[0]
     video = info.video_file(0, key)
     video.write_bytes(video.read_bytes()[:200])
     with pytest.raises(DatasetError, match=video.name):
         load_images(info, [key], 1e-12, num_threads=1)
+    assert [lock.is_locked for lock in locks] == [False]
     lock_directory(info.root).release()
