@@ -151,7 +151,11 @@ class Handler(ABC):
 
     @abstractmethod
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
-        """Sets the appearance of the environment ``env_id``."""
+        """Sets the appearance of the environment ``env_id``, whose episode begins."""
+
+    def change_look(self, appearance: Appearance, env_id: int) -> None:
+        """Sets materials, lights and camera poses alone, within an episode of the environment ``env_id``."""
+        self.set_appearance(appearance, env_id)
 
     def render(
         self,

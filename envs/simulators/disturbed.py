@@ -135,6 +135,10 @@ class DisturbedHandler(Handler):
         self._sensors[env_id], self._steps[env_id] = appearance.sensor, 0
 
     @override
+    def change_look(self, appearance: Appearance, env_id: int) -> None:
+        self.handler.change_look(appearance, env_id)  # the sensor stays the episode's own
+
+    @override
     def snapshot(self, env_ids: EnvIds = None) -> Exposures:
         ids = rows_of(env_ids, self.num_envs).tolist()
         frames = tuple(int(self._steps[env_id]) for env_id in ids)

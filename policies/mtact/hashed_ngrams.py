@@ -46,6 +46,12 @@ def hashed(texts: Sequence[str], max_words: int, num_buckets: int) -> np.ndarray
     return np.array(rows, dtype=np.int64).reshape(len(rows), max_words, MAX_PIECES)
 
 
+def without_empty_places(parts: np.ndarray) -> np.ndarray:
+    """Returns parts of words (n, words, parts) without the places at the end that no sentence fills."""
+    _, words, pieces = parts.nonzero()
+    return parts[:, : 1 + words.max(initial=0), : 1 + pieces.max(initial=0)]
+
+
 @lru_cache(maxsize=4096)
 def _hashed_one(text: str, max_words: int, num_buckets: int) -> tuple[tuple[int, ...], ...]:
     words = [

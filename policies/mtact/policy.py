@@ -17,6 +17,7 @@ from policies.learned_tasks import TASK_INDEX, Instructions, LearnedTask
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.mtact.config import MtActConfig
 from policies.mtact.configuration_multitask_act import SHARED, MultitaskActConfig
+from policies.mtact.hashed_ngrams import without_empty_places
 from policies.mtact.inputs_step import INPUTS_STEP, MtActInputsStep
 from policies.mtact.modeling_multitask_act import SENTENCE, MultitaskActPolicy
 from policies.mtact.processor_multitask_act import make_multitask_act_pre_post_processors
@@ -87,7 +88,10 @@ class MtActPolicy(LeRobotPolicy):
                     f"{task.name} has {task.state_size} joints and actions of {task.action_size} entries, "
                     f"and the policy was made for {largest[0]} and {largest[1]} at most."
                 )
-        language = self._inputs_step.encode(instructions.texts).to(self.device)
+        language = self._inputs_step.encode(instructions.texts)
+        if not language.is_floating_point():  # words, of which most sentences have far fewer than are read
+            language = torch.from_numpy(without_empty_places(language.numpy()))
+        language = language.to(self.device)
         self.model.table.fill(instructions, language, self._size(OBS_STATE), self._size(ACTION))
         if self._wrong_share:
             normalizer = Normalizer(normalizer_step(self.preprocessor), self.device)

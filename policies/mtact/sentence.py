@@ -32,7 +32,10 @@ class WordsEncoder(nn.Module):
         self.norm = nn.LayerNorm(dim)
 
     def forward(self, parts: Tensor) -> Tensor:
-        """Returns the vectors (B, D) of parts of words, int64 (B, W, P); 0 is no part."""
+        """Returns the vectors (B, D) of parts of words, int64 (B, W, P); 0 is no part.
+
+        W and P may be smaller than what the encoder reads at most, where no sentence has more.
+        """
         is_part = (parts > 0).unsqueeze(-1)
         # Not as an embedding: the kernel of its gradient sorts, which a recorded CUDA graph may not hold.
         vectors = self.table.weight.index_select(0, parts.flatten()).unflatten(0, parts.shape)
@@ -40,7 +43,7 @@ class WordsEncoder(nn.Module):
         is_word = is_part.any(2)  # (B, W, 1)
         if self.training and self.dropout:
             is_word = is_word & (torch.rand(is_word.shape, device=words.device) >= self.dropout)
-        words = (words + self.positions) * is_word
+        words = (words + self.positions[: parts.shape[1]]) * is_word
         is_key = is_word.squeeze(2)
         is_key = is_key | ~is_key.any(1, keepdim=True)  # attention to no place at all would be NaN
         for block in self.blocks:

@@ -62,7 +62,7 @@ def time_demonstration(spec: EnvSpec, steps_per_look: int = 0) -> DemonstrationT
     """
     from envs.experts.actor import expert_episodes
     from envs.rollout import OnStep
-    from roboverse_learn.data.sources.changing_looks import ChangingLooks
+    from roboverse_learn.data.sources.changing_looks import changing_looks
 
     with contextlib.closing(spec.make(1, num_threads=1)) as env:
         first = env.split_indices[:1].tolist()
@@ -79,7 +79,7 @@ def time_demonstration(spec: EnvSpec, steps_per_look: int = 0) -> DemonstrationT
             seconds=seconds,
             without_images_s=min(timed(("states",))[0], seconds),
             steps=steps,
-            collected_s=timed(all_in, ChangingLooks(env, steps_per_look))[0] if steps_per_look else seconds,
+            collected_s=timed(all_in, changing_looks(env, steps_per_look))[0] if steps_per_look else seconds,
         )
 
 

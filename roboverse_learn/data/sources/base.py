@@ -121,9 +121,11 @@ class DemonstrationSource:
                 f"only_corrections=true was given, and source={config.source} has none. Add source=teleop."
             )
         if config.collect.steps_per_look and not cls.changes_looks:
+            steps = config.collect.steps_per_look
             raise ConfigError(
-                f"steps_per_look={config.collect.steps_per_look} was given, and source={config.source} keeps "
-                "the looks of its episodes. Add source=rerender, with from=<its dataset>."
+                f"steps_per_look={steps} was given, and source={config.source} keeps the looks of its "
+                "episodes. Leave it out, and render its dataset again: "
+                f"source=rerender from=<its dataset> steps_per_look={steps}."
             )
 
     @classmethod

@@ -14,10 +14,16 @@ from envs.scenario import Appearance
 
 if TYPE_CHECKING:
     from envs.episode import Episode
+    from envs.rollout import OnStep
     from envs.vector_env import RoboVerseVectorEnv
 
 NUM_LOOKS = 4_000
 """Looks that episodes change to, at most: those of a split's first episodes, as many as a GPU keeps ready."""
+
+
+def changing_looks(env: "RoboVerseVectorEnv", steps: int) -> "OnStep":
+    """Returns what changes the looks of episodes after every so many steps; of 0 steps, it keeps them."""
+    return ChangingLooks(env, steps) if steps else lambda episode: None
 
 
 class ChangingLooks:
@@ -47,4 +53,4 @@ class ChangingLooks:
         index = self._pool[self._rngs[episode.env_id].integers(len(self._pool))]
         if index not in self._looks:
             self._looks[index] = self._env.randomizer.appearance(index)
-        self._env.handler.set_appearance(self._looks[index], episode.env_id)
+        self._env.handler.change_look(self._looks[index], episode.env_id)

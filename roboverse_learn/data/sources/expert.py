@@ -10,7 +10,7 @@ from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.base import DemonstrationSource, spec_changes
-from roboverse_learn.data.sources.changing_looks import ChangingLooks
+from roboverse_learn.data.sources.changing_looks import changing_looks
 
 
 class ExpertSource(DemonstrationSource):
@@ -50,7 +50,7 @@ class ExpertEpisodes:
 
         spec = EnvSpec.from_json(env)
         self._env = spec.make(num_envs, num_threads=1)  # the processes of a collection share the cores
-        self._on_step = ChangingLooks(self._env, steps_per_look) if steps_per_look else _keep_look
+        self._on_step = changing_looks(self._env, steps_per_look)
         self._metadata = {
             "task": spec.task,
             "task_kwargs": dict(spec.task_kwargs),
@@ -96,7 +96,3 @@ class ExpertEpisodes:
             raw=outcome.raw,
             metadata=self._metadata | own | facts,
         )
-
-
-def _keep_look(episode: Any) -> None:
-    """Leaves an episode its look."""

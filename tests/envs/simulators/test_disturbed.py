@@ -100,6 +100,18 @@ def test_noise_changes_from_frame_to_frame_of_a_scene_that_stands(envs):
     assert not np.array_equal(*frames)
 
 
+def test_a_look_that_changes_leaves_an_episode_its_noise(envs):
+    episode, other = noisy_episodes(envs[0], 2)
+    handler = envs[0].handler
+    envs[0].reset(options={"episodes": [episode, other]})
+    envs[0].step(np.zeros((2, 9), np.float32))
+    before = handler.render(("front",), env_ids=[0])["front"]["rgb"]
+    handler.change_look(envs[0].randomizer.appearance(other), 0)  # only="sensor": all else is as before
+    np.testing.assert_array_equal(handler.render(("front",), env_ids=[0])["front"]["rgb"], before)
+    handler.set_appearance(envs[0].randomizer.appearance(other), 0)
+    assert (handler.render(("front",), env_ids=[0])["front"]["rgb"] != before).any()
+
+
 def test_snapshots_can_be_rendered_one_by_one(envs):
     disturbed, _ = envs
     disturbed.reset(options={"episodes": noisy_episodes(disturbed, 2)})

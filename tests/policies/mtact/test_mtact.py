@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from torch.nn import functional
+from torch import nn
 
 import policies
 from envs.core.errors import PolicyError
 from policies.checkpoint import learned_tasks, policy_type
 from policies.learned_tasks import Instructions, LearnedTask
 from policies.mtact.decoders import FlowDecoder
-from policies.mtact.sentence import WordsEncoder
 from policies.mtact.vision import Film
 from tests import imported_process
 from tests.policies.examples import IMAGE, NARROW, SIZE, generators, observation
@@ -109,25 +108,20 @@ def test_with_swapped_wordings_the_wording_of_a_frame_does_not_matter_and_its_ta
     assert same == [True, False]
 
 
-def test_a_sentence_is_the_same_among_more_empty_places():
-    torch.manual_seed(0)
-    short, long = WordsEncoder(50, 4, 8, 2, 2, 0.0), WordsEncoder(50, 9, 8, 2, 2, 0.0)
-    known = short.state_dict()
-    known["positions"] = torch.cat([known["positions"], torch.randn(5, 8)])
-    long.load_state_dict(known)
-    parts = torch.tensor([[[3, 7], [5, 0], [0, 0], [0, 0]], [[0, 0]] * 4])  # two words, and none
-    more = functional.pad(parts, (0, 0, 0, 5))
-    torch.testing.assert_close(long(more), short(parts))
-    assert short(parts).isfinite().all()
-
-
-def test_dropped_words_change_the_loss_and_no_action():
-    dropping, plain = make(replace(CONFIG, word_dropout=0.9)), make()
-    for policy in (dropping, plain):
-        policy.begin_training()
-    assert loss_of(dropping, frames()) != loss_of(plain, frames())
-    text = "lift the red cube"
-    np.testing.assert_array_equal(dropping.act(seen(dropping, text)), plain.act(seen(plain, text)))
+@HEADS
+def test_under_autocast_joints_keypoints_and_actions_stay_in_fp32(head):
+    policy, seen = make(replace(CONFIG, head=head)), {}
+    network = policy.model.model
+    for name, module in network.named_modules():
+        if isinstance(module, nn.Conv2d | nn.Linear):
+            module.register_forward_hook(lambda _, __, out, name=name: seen.__setitem__(name, out.dtype))
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        loss_of(policy, frames())
+    exact = {"state_token", "image_tokens.0", "decoder.action_head"}
+    if head == "flow":
+        exact |= {"decoder.action_in", "decoder.time.0", "decoder.time.2"}
+    assert {name for name, dtype in seen.items() if dtype == torch.float32} == exact
+    assert {"encoder.0.attention.query", "backbones.0.heatmaps"} <= seen.keys() - exact
 
 
 # --- padding ------------------------------------------------------------------------------------

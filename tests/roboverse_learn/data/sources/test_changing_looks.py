@@ -89,7 +89,7 @@ def test_looks_are_of_the_first_episodes_of_the_environments_split_alone():
         split_indices=split,
         protocol_seed=0,
         randomizer=SimpleNamespace(appearance=lambda index: index),
-        handler=SimpleNamespace(set_appearance=lambda look, env_id: seen.append((look, env_id))),
+        handler=SimpleNamespace(change_look=lambda look, env_id: seen.append((look, env_id))),
     )
     looks = ChangingLooks(env, 2)
     for length in range(9):
@@ -108,6 +108,9 @@ def test_the_folder_of_a_dataset_names_how_long_a_look_stays(tmp_path):
 
 
 def test_sources_that_keep_their_looks_refuse_the_key():
-    said = r"steps_per_look=1 was given, and source=retarget keeps the looks .*source=rerender"
+    said = (
+        r"steps_per_look=1 was given, and source=retarget keeps the looks .*"
+        r"source=rerender from=<its dataset> steps_per_look=1"
+    )
     with pytest.raises(ConfigError, match=said):
         compose("collect", [*SCENE, "source=retarget", "from=datasets/x", "steps_per_look=1"])
