@@ -51,8 +51,7 @@ class RegressionDecoder(nn.Module):
         tokens = self.queries.expand(len(memory), -1, -1)
         for block in self.blocks:
             tokens = block(tokens, memory)
-        with torch.autocast(tokens.device.type, enabled=False):  # actions are not rounded to bf16
-            return self.action_head(self.norm(tokens.float()))
+        return self.action_head(self.norm(tokens))
 
     def errors(self, memory: Tensor, actions: Tensor, is_own: Tensor) -> Tensor:
         """Returns the distance of each entry of the actions (B, T, A); see :class:`FlowDecoder`."""
@@ -129,13 +128,11 @@ class FlowDecoder(nn.Module):
 
     def velocity(self, actions: Tensor, time: Tensor, memory: Tensor) -> Tensor:
         """Returns the velocity (B, T, A) of actions at times (B,): 0 is noise, 1 the actions."""
-        with torch.autocast(actions.device.type, enabled=False):
-            embedded = self.time(sines(time, self.positions.shape[1]))
-            tokens = self.action_in(actions) + self.positions + embedded[:, None]
+        embedded = self.time(sines(time, self.positions.shape[1]))
+        tokens = self.action_in(actions) + self.positions + embedded[:, None]
         for block in self.blocks:
             tokens = block(tokens, memory)
-        with torch.autocast(tokens.device.type, enabled=False):
-            return self.action_head(self.norm(tokens.float()))
+        return self.action_head(self.norm(tokens))
 
 
 def sines(time: Tensor, dim: int) -> Tensor:

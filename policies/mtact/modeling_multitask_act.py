@@ -120,7 +120,9 @@ class MultitaskAct(nn.Module):
             noise: Of ``head=flow``: (B, T, A).
             is_own: Of ``head=flow``: (B, A), false where an entry of the actions is padding.
         """
-        return self.decoder(self.memory(batch), noise, is_own)
+        memory = self.memory(batch)
+        with torch.autocast(memory.device.type, enabled=False):
+            return self.decoder(memory, noise, is_own)
 
     def errors(self, batch: dict[str, Any], actions: Tensor, is_own: Tensor) -> Tensor:
         """Returns the error of each entry of normalized actions (B, T, A).
@@ -130,7 +132,9 @@ class MultitaskAct(nn.Module):
             actions: (B, T, A).
             is_own: (B, A), false where an entry is padding; its errors are to be left out.
         """
-        return self.decoder.errors(self.memory(batch), actions, is_own)
+        memory = self.memory(batch)
+        with torch.autocast(memory.device.type, enabled=False):
+            return self.decoder.errors(memory, actions, is_own)
 
     def memory(self, batch: dict[str, Any]) -> Tensor:
         """Returns the tokens (B, S, D) of an observation."""
@@ -139,14 +143,15 @@ class MultitaskAct(nn.Module):
             backbone(images, sentence)
             for images, backbone in zip(batch[OBS_IMAGES], self.backbones, strict=True)
         ]
-        # In bf16, a coordinate would be off by up to 0.1 pixels of 96, and a joint by as much of its range.
+        # In bf16, a coordinate would be off by up to 0.1 pixels of 96: the sentence and the convolutions
+        # alone compute in it.
         with torch.autocast(sentence.device.type, enabled=False):
             tokens = [sentence.float().unsqueeze(1), self.state_token(batch[OBS_STATE]).unsqueeze(1)]
             for coordinates, project in zip(keypoints, self.image_tokens, strict=True):
                 tokens.append(project(coordinates).unflatten(1, (-1, sentence.shape[1])))
-        memory = torch.cat(tokens, 1) + self.positions
-        for block in self.encoder:
-            memory = block(memory)
+            memory = torch.cat(tokens, 1) + self.positions
+            for block in self.encoder:
+                memory = block(memory)
         return memory
 
 
