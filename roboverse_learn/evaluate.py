@@ -67,6 +67,8 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
             of their own.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
+    from roboverse_learn.commands.tasks_at_once import evaluate_ahead
+
     check_materials(config.evaluate.materials)
     if config.chains:
         raise ConfigError(
@@ -75,11 +77,9 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
         )
     if config.suite:
         return list(_of_suite(config).evaluations.values())
-    results = Path(config.results_dir)
-    return [
-        evaluate_checkpoint(each, config.evaluate, results, "evaluate")
-        for each in checkpoints_to_test(config)
-    ]
+    results, tested = Path(config.results_dir), checkpoints_to_test(config)
+    evaluate_ahead(config, [each.env.task for each in tested])
+    return [evaluate_checkpoint(each, config.evaluate, results, "evaluate") for each in tested]
 
 
 def _of_suite(config: EvaluateConfig) -> "SuiteEvaluation":

@@ -18,10 +18,10 @@ from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.commands.collect_words import collect_words
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
+from roboverse_learn.commands.words_of_config import collect_words
 from roboverse_learn.config.command_line_keys import flat_keys, open_section
 from roboverse_learn.config.compose import compose, configs_folder, values_of_key
 from roboverse_learn.config.preflight import check_folders

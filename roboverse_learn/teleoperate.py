@@ -11,7 +11,7 @@ import logging
 import shlex
 from typing import TYPE_CHECKING, Any
 
-from roboverse_learn.commands.collect_words import collect_words
+from roboverse_learn.commands.words_of_config import collect_words
 from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
 from roboverse_learn.config.schema import CollectConfig, DemonstrationConfig, TeleoperateConfig
 

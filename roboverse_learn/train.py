@@ -184,13 +184,25 @@ def _evaluate(
 ) -> tuple[list[Evaluation], dict[str, Path], Path | None]:
     """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
     from benchmark.gifs import one_per_level, write_gif
+    from roboverse_learn.commands.tasks_at_once import evaluate_ahead
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
+    from roboverse_learn.config.schema import EvaluateConfig
     from roboverse_learn.evaluate import evaluate_checkpoint
     from roboverse_learn.leaderboard import write_leaderboard
 
     results = Path(config.results_dir)
     with run.stage("evaluate") as facts:
         tested = checkpoint_of_run(run.folder, config, checkpoint)
+        evaluate_ahead(
+            EvaluateConfig(
+                checkpoint=str(run.folder),
+                device=config.device,
+                results_dir=config.results_dir,
+                evaluate=config.evaluate,
+                tasks_at_once=config.tasks_at_once,
+            ),
+            config.tasks,
+        )
         evaluations = [
             evaluate_checkpoint(tested.with_task(task), config.evaluate, results, "train")
             for task in config.tasks

@@ -14,8 +14,11 @@ if TYPE_CHECKING:
 def collect_tasks(config: TrainRunConfig) -> dict[str, "CollectionSummary"]:
     """Completes the dataset of each task of a run; returns what was collected by task."""
     from roboverse_learn.collect import collect_dataset
+    from roboverse_learn.commands.tasks_at_once import collect_ahead
 
-    return {task: collect_dataset(of_task(config, task)) for task in config.tasks}
+    each = {task: of_task(config, task) for task in config.tasks}
+    collect_ahead(list(each.values()))
+    return {task: collect_dataset(one) for task, one in each.items()}
 
 
 def of_task(config: TrainRunConfig, task: str) -> TrainRunConfig:

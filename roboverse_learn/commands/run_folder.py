@@ -40,7 +40,7 @@ MANIFEST_FILE = "manifest.json"
 
 # What may change between two starts of one run: none of it decides what is learned.
 _FREE = {
-    *("device", "run", "resume", "slow_ok", "preset", "evaluate", "suite"),
+    *("device", "run", "resume", "slow_ok", "preset", "evaluate", "suite", "tasks_at_once"),
     *("dataset", "datasets_dir", "runs_dir", "results_dir"),
 }
 _FREE_KEYS = {

@@ -1,5 +1,6 @@
 """Commands over a suite: one task after the other; one that cannot run is named, and the others go on."""
 
+import contextlib
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -74,9 +75,14 @@ def collect_suite(
     """
     values = to_values(config) | {"suite": ""}
 
-    def collect(task: str) -> "CollectionSummary":
-        return collect_dataset(from_values("collect", values | {"task": task}))
+    def of_task(task: str) -> CollectConfig:
+        return from_values("collect", values | {"task": task})
 
+    def collect(task: str) -> "CollectionSummary":
+        return collect_dataset(of_task(task))
+
+    if config.tasks_at_once > 1:
+        _collect_ahead(config.suite, of_task)
     collected, failed = _each_task(config.suite, collect)
     return SuiteCollection(suite=config.suite, collected=collected, failed=failed)
 
@@ -97,6 +103,7 @@ def evaluate_suite(
     """
     from benchmark import provenance
     from benchmark.suites import SuiteResult, summarize_suite, write_suite
+    from roboverse_learn.commands.tasks_at_once import evaluate_ahead
 
     results_dir = Path(config.results_dir)
 
@@ -105,6 +112,7 @@ def evaluate_suite(
         (tested,) = checkpoints_to_test(from_values("evaluate", values))
         return evaluate_checkpoint(tested)
 
+    evaluate_ahead(config, suite_tasks(config.suite))
     evaluations, failed = _each_task(config.suite, evaluate)
     results = {task: each.result for task, each in evaluations.items()}
     paths = {task: each.path for task, each in evaluations.items() if each.path is not None}
@@ -127,6 +135,17 @@ def evaluate_suite(
         cells=summarize_suite(results),
         failed=failed,
     )
+
+
+def _collect_ahead(suite: str, of_task: Callable[[str], CollectConfig]) -> None:
+    """Collects in several tasks at once; why another one cannot be collected is said later."""
+    from roboverse_learn.commands.tasks_at_once import collect_ahead
+
+    configs = []
+    for task in suite_tasks(suite):
+        with contextlib.suppress(RoboVerseError):
+            configs.append(of_task(task))
+    collect_ahead(configs)
 
 
 def _each_task[T](suite: str, do: Callable[[str], T]) -> tuple[dict[str, T], dict[str, str]]:

@@ -149,6 +149,8 @@ class CollectConfig:
             where none is named, and takes any LeRobotDataset v3, also of another robot.
         collect: How demonstrations are collected.
         augment: How demonstrations are augmented.
+        tasks_at_once: Of several tasks: processes that share a GPU, or a machine without one, each for one
+            task; train collects and evaluates so.
     """
 
     env: EnvSpec = field(default_factory=EnvSpec)
@@ -164,8 +166,10 @@ class CollectConfig:
     dataset: str = ""
     collect: DemonstrationConfig = field(default_factory=DemonstrationConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)
+    tasks_at_once: int = 1
 
     def __post_init__(self) -> None:
+        check_ranges(self, above_0=("tasks_at_once",))
         source = SOURCES.get(self.source)
         source.check_keys(self)
         check_suite(self.suite, dataset=self.dataset)
@@ -306,6 +310,8 @@ class EvaluateConfig:
         device: ``auto``, ``cpu``, ``cuda``.
         results_dir: Folder of results and of the leaderboard.
         evaluate: What the checkpoint is evaluated on.
+        tasks_at_once: Of several tasks: processes that share a GPU, or a machine without one, each for one
+            task.
     """
 
     checkpoint: str = ""
@@ -320,8 +326,10 @@ class EvaluateConfig:
     device: str = "auto"
     results_dir: str = "results"
     evaluate: EvaluationConfig = field(default_factory=EvaluationConfig)
+    tasks_at_once: int = 1
 
     def __post_init__(self) -> None:
+        check_ranges(self, above_0=("tasks_at_once",))
         check_suite(self.suite, task=self.env.get("task", ""))
         check_chains(self.suite, self.chains, self.first_chain)
         if self.policy_name and not (self.checkpoint and self.policy_name in policies.names()):

@@ -1,8 +1,8 @@
-"""A configuration as the words of ``roboverse collect``."""
+"""A configuration as the words of ``roboverse collect`` or ``roboverse evaluate``."""
 
-from roboverse_learn.config.command_line_keys import flat_keys
-from roboverse_learn.config.schema import CollectConfig
-from roboverse_learn.config.serialize import to_values
+from roboverse_learn.config.command_line_keys import OPEN, at, flat_keys, typed_key
+from roboverse_learn.config.schema import CollectConfig, EvaluateConfig
+from roboverse_learn.config.serialize import default_values, to_values
 from roboverse_learn.config.value_text import as_text
 
 
@@ -27,4 +27,19 @@ def collect_words(config: CollectConfig) -> list[str]:
             words += [f"{key}.{name}={as_text(item)}" for name, item in value.items()]
         elif value != default:
             words.append(f"{key}={value if isinstance(default, str) else as_text(value)}")
+    return words
+
+
+def evaluate_words(config: EvaluateConfig) -> list[str]:
+    """Returns the words of ``roboverse evaluate`` that compose to it, as :func:`collect_words` does."""
+    values, defaults = to_values(config), default_values("evaluate", "")
+    words = []
+    for key in flat_keys(values):
+        value, default = at(values, key), at(defaults, key)
+        if key == "preset" or value == default:
+            continue
+        if key in OPEN:
+            words += [f"{key}.{name}={as_text(item)}" for name, item in value.items()]
+        else:
+            words.append(f"{typed_key(key)}={value if isinstance(default, str) else as_text(value)}")
     return words
