@@ -43,8 +43,11 @@ def evaluate(config: EvaluateConfig) -> Any:
     See :func:`evaluate_all`.
     """
     from roboverse_learn.commands.report import evaluation_report
+    from roboverse_learn.commands.tasks_at_once import keeps_cells_alone
     from roboverse_learn.leaderboard import write_leaderboard
 
+    if keeps_cells_alone():
+        return f"The cells of {len(evaluate_all(config))} tasks are evaluated."
     if config.chains:
         from roboverse_learn.commands.chains import chains_report, evaluate_chains
 
@@ -67,7 +70,7 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
             of their own.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
-    from roboverse_learn.commands.tasks_at_once import evaluate_ahead
+    from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
 
     check_materials(config.evaluate.materials)
     if config.chains:
@@ -78,7 +81,7 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
     if config.suite:
         return list(_of_suite(config).evaluations.values())
     results, tested = Path(config.results_dir), checkpoints_to_test(config)
-    evaluate_ahead(config, [each.env.task for each in tested])
+    evaluate_in_parallel(config, [each.env.task for each in tested])
     return [evaluate_checkpoint(each, config.evaluate, results, "evaluate") for each in tested]
 
 
@@ -111,6 +114,7 @@ def evaluate_checkpoint(
     from benchmark.results import result_path, video_dir, write_result
     from policies.checkpoint import check_learned, policy_label
     from roboverse_learn.commands.foreign_checkpoint import check_fits
+    from roboverse_learn.commands.tasks_at_once import keeps_cells_alone
 
     protocol = protocol_of(config)
     name = tested.baseline if tested.checkpoint is None else policy_label(tested.checkpoint)
@@ -142,6 +146,8 @@ def evaluate_checkpoint(
     facts["env"] = tested.env.replace(cameras=facts.pop("cameras"), materials=materials)
     result = _result(tested, name, protocol, checkpoint, command, records, facts)
     assert path == result_path(results_dir, result)
+    if keeps_cells_alone():
+        return Evaluation(path=path, result=result, videos=_videos(path))
     write_result(path, result)
     finished.remove()
     _write_curve(path, tested)

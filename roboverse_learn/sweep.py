@@ -199,7 +199,7 @@ def _is_complete(folder: Path, config: TrainRunConfig) -> bool:
     if not (folder / CONFIG_FILE).exists():
         return False
     facts = read_facts(folder, "evaluate")
-    same = to_values(read_config(folder)) == to_values(config)
+    same = to_values(replace(read_config(folder), tasks_at_once=config.tasks_at_once)) == to_values(config)
     results = facts.get("results") or [facts.get("result", "")]  # runs that are older name one
     return same and facts.get("status") == "done" and all(Path(str(each)).is_file() for each in results)
 

@@ -184,7 +184,7 @@ def _evaluate(
 ) -> tuple[list[Evaluation], dict[str, Path], Path | None]:
     """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
     from benchmark.gifs import one_per_level, write_gif
-    from roboverse_learn.commands.tasks_at_once import evaluate_ahead
+    from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.schema import EvaluateConfig
     from roboverse_learn.evaluate import evaluate_checkpoint
@@ -193,7 +193,7 @@ def _evaluate(
     results = Path(config.results_dir)
     with run.stage("evaluate") as facts:
         tested = checkpoint_of_run(run.folder, config, checkpoint)
-        evaluate_ahead(
+        evaluate_in_parallel(
             EvaluateConfig(
                 checkpoint=str(run.folder),
                 device=config.device,

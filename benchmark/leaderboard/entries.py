@@ -35,7 +35,7 @@ _UNCHANGING = {
     *("policy", "task", "tasks", "preset", "level", "seed", "backend", "device", "run", "resume", "slow_ok"),
     *("datasets_dir", "runs_dir", "results_dir", "num_workers", "num_envs", "num_threads", "compile"),
     *("cuda_graphs", "save_every", "log_every", "wandb", "videos", "levels", "splits", "episodes", "alone"),
-    "plugins",
+    *("plugins", "tasks_at_once"),
 }
 """Keys, without their group, that change neither the data nor the training of a preset."""
 

@@ -151,10 +151,16 @@ class Handler(ABC):
 
     @abstractmethod
     def set_appearance(self, appearance: Appearance, env_id: int) -> None:
-        """Sets the appearance of the environment ``env_id``, whose episode begins."""
+        """Sets the appearance of the environment ``env_id``; the noise of its sensor begins anew.
+
+        Within an episode, :meth:`change_look` sets another look.
+        """
 
     def change_look(self, appearance: Appearance, env_id: int) -> None:
-        """Sets materials, lights and camera poses alone, within an episode of the environment ``env_id``."""
+        """Sets the materials, lights and camera poses of the environment ``env_id`` within an episode.
+
+        A handler with sensor noise overrides it, so that an episode keeps its own.
+        """
         self.set_appearance(appearance, env_id)
 
     def render(

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 def collect_tasks(config: TrainRunConfig) -> dict[str, "CollectionSummary"]:
     """Completes the dataset of each task of a run; returns what was collected by task."""
     from roboverse_learn.collect import collect_dataset
-    from roboverse_learn.commands.tasks_at_once import collect_ahead
+    from roboverse_learn.commands.tasks_at_once import collect_in_parallel
 
     each = {task: of_task(config, task) for task in config.tasks}
-    collect_ahead(list(each.values()))
+    collect_in_parallel(list(each.values()))
     return {task: collect_dataset(one) for task, one in each.items()}
 
 

@@ -1,6 +1,5 @@
 """Commands over a suite: one task after the other; one that cannot run is named, and the others go on."""
 
-import contextlib
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -73,6 +72,8 @@ def collect_suite(
     Raises:
         ConfigError: No task could be collected.
     """
+    from roboverse_learn.commands.tasks_at_once import collect_in_parallel
+
     values = to_values(config) | {"suite": ""}
 
     def of_task(task: str) -> CollectConfig:
@@ -82,7 +83,8 @@ def collect_suite(
         return collect_dataset(of_task(task))
 
     if config.tasks_at_once > 1:
-        _collect_ahead(config.suite, of_task)
+        there = [task for task in suite_tasks(config.suite) if _is_there(of_task, task)]
+        collect_in_parallel([of_task(task) for task in there])
     collected, failed = _each_task(config.suite, collect)
     return SuiteCollection(suite=config.suite, collected=collected, failed=failed)
 
@@ -103,16 +105,20 @@ def evaluate_suite(
     """
     from benchmark import provenance
     from benchmark.suites import SuiteResult, summarize_suite, write_suite
-    from roboverse_learn.commands.tasks_at_once import evaluate_ahead
+    from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
 
     results_dir = Path(config.results_dir)
 
-    def evaluate(task: str) -> Evaluation:
+    def tested(task: str) -> TestedCheckpoint:
         values = to_values(config) | {"suite": "", "task": task}  # its options are checked by the task
-        (tested,) = checkpoints_to_test(from_values("evaluate", values))
-        return evaluate_checkpoint(tested)
+        (one,) = checkpoints_to_test(from_values("evaluate", values))
+        return one
 
-    evaluate_ahead(config, suite_tasks(config.suite))
+    def evaluate(task: str) -> Evaluation:
+        return evaluate_checkpoint(tested(task))
+
+    if config.tasks_at_once > 1:
+        evaluate_in_parallel(config, [task for task in suite_tasks(config.suite) if _is_there(tested, task)])
     evaluations, failed = _each_task(config.suite, evaluate)
     results = {task: each.result for task, each in evaluations.items()}
     paths = {task: each.path for task, each in evaluations.items() if each.path is not None}
@@ -137,15 +143,13 @@ def evaluate_suite(
     )
 
 
-def _collect_ahead(suite: str, of_task: Callable[[str], CollectConfig]) -> None:
-    """Collects in several tasks at once; why another one cannot be collected is said later."""
-    from roboverse_learn.commands.tasks_at_once import collect_ahead
-
-    configs = []
-    for task in suite_tasks(suite):
-        with contextlib.suppress(RoboVerseError):
-            configs.append(of_task(task))
-    collect_ahead(configs)
+def _is_there(find: Callable[[str], object], task: str) -> bool:
+    """Whether something can be found for a task; why it cannot be is said later."""
+    try:
+        find(task)
+    except RoboVerseError:
+        return False
+    return True
 
 
 def _each_task[T](suite: str, do: Callable[[str], T]) -> tuple[dict[str, T], dict[str, str]]:

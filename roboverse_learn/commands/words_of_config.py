@@ -20,6 +20,9 @@ def collect_words(config: CollectConfig) -> list[str]:
     for key in flat_keys(defaults):
         if key == "preset":  # what it says, and what overrides it, follows by itself
             continue
+        if key == "task" and not config.suite:  # without it a source takes the task of its recordings
+            words.append(f"task={values[key]}")
+            continue
         section, _, last = key.rpartition(".")
         value = values[section][last] if section else values[key]
         default = defaults[section][last] if section else defaults[key]

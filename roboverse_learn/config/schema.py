@@ -149,8 +149,8 @@ class CollectConfig:
             where none is named, and takes any LeRobotDataset v3, also of another robot.
         collect: How demonstrations are collected.
         augment: How demonstrations are augmented.
-        tasks_at_once: Of several tasks: processes that share a GPU, or a machine without one, each for one
-            task; train collects and evaluates so.
+        tasks_at_once: How many of several tasks are collected, and by train evaluated, in parallel, each in a
+            process of its own.
     """
 
     env: EnvSpec = field(default_factory=EnvSpec)
@@ -310,8 +310,7 @@ class EvaluateConfig:
         device: ``auto``, ``cpu``, ``cuda``.
         results_dir: Folder of results and of the leaderboard.
         evaluate: What the checkpoint is evaluated on.
-        tasks_at_once: Of several tasks: processes that share a GPU, or a machine without one, each for one
-            task.
+        tasks_at_once: How many of several tasks are evaluated in parallel, each in a process of its own.
     """
 
     checkpoint: str = ""
@@ -332,6 +331,11 @@ class EvaluateConfig:
         check_ranges(self, above_0=("tasks_at_once",))
         check_suite(self.suite, task=self.env.get("task", ""))
         check_chains(self.suite, self.chains, self.first_chain)
+        if self.chains and self.tasks_at_once > 1:
+            raise ConfigError(
+                f"tasks_at_once={self.tasks_at_once} is for tasks, and chains={self.chains} are evaluated "
+                "together. Leave it out; num_envs says how many chains run at once."
+            )
         if self.policy_name and not (self.checkpoint and self.policy_name in policies.names()):
             self._check_baseline()
         elif not self.checkpoint:

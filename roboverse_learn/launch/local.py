@@ -20,13 +20,20 @@ class LocalLauncher(Launcher):
 
     @override
     def run(self, jobs: Sequence[Job], logs: Path, on_end: OnEnd) -> dict[str, int | None]:
-        slots, children = gpu_slots(self.jobs_per_gpu), Children()
-        log.info("%d at a time on this machine.", len(slots))
+        return run_processes(jobs, gpu_slots(self.jobs_per_gpu), logs, on_end)
 
-        def start(job: Job, slot: Mapping[str, str]) -> int:
-            return _start(children, job, slot, logs / f"{job.name}.log", len(slots))
 
-        return run_jobs(jobs, slots, start, on_end, children.end)
+def run_processes(
+    jobs: Sequence[Job], slots: Sequence[Mapping[str, str]], logs: Path, on_end: OnEnd
+) -> dict[str, int | None]:
+    """Runs jobs as processes of this machine, which end with this one; see :func:`run_jobs`."""
+    children = Children()
+    log.info("%d at a time on this machine.", len(slots))
+
+    def start(job: Job, slot: Mapping[str, str]) -> int:
+        return _start(children, job, slot, logs / f"{job.name}.log", len(slots))
+
+    return run_jobs(jobs, slots, start, on_end, children.end)
 
 
 def run_jobs(

@@ -185,7 +185,7 @@ class TestJobs:
         assert cli.main(["sweep", "seed=0,1", f"runs_dir={tmp_path}", "cameras=[front]", "dry_run=true"]) == 0
         lines = capsys.readouterr().out.splitlines()
         assert lines == [
-            "roboverse collect 'cameras=[front]'",
+            "roboverse collect task=PickCube 'cameras=[front]'",
             f"roboverse train seed=0 runs_dir={tmp_path} 'cameras=[front]'",
             f"roboverse train seed=1 runs_dir={tmp_path} 'cameras=[front]'",
         ]

@@ -21,6 +21,15 @@ def test_words_of_a_collection(words):
     assert compose("collect", collect_words(config)) == config
 
 
+def test_words_name_the_task_where_a_source_would_name_another(monkeypatch):
+    monkeypatch.setattr("policies.checkpoint.learned_tasks", lambda checkpoint: ("StackCube",))
+    words = ["source=policy", "checkpoint=runs/x"]
+    for task in ("PickCube", "CloseBox"):
+        config = compose("collect", [f"task={task}", *words])
+        assert f"task={task}" in collect_words(config)
+        assert compose("collect", collect_words(config)) == config
+
+
 @pytest.mark.parametrize(
     "words",
     [
