@@ -173,8 +173,9 @@ class EpisodeRecording:
 
     def serve(self) -> str:
         """Opens the recording in the browser until this process ends; returns the page's address."""
-        blueprint = self._views()
-        address = self._stream.serve_grpc(grpc_port=_free_port(_GRPC_PORT), default_blueprint=blueprint)
+        # With a blueprint as an argument, or anything logged before, the server of Rerun 0.33 may never start.
+        address = self._stream.serve_grpc(grpc_port=_free_port(_GRPC_PORT))
+        self._stream.send_blueprint(self._views())
         self._send()
         port = _free_port(_WEB_PORT)
         self._rr.serve_web_viewer(web_port=port, connect_to=address)

@@ -15,6 +15,7 @@ from envs.spec import EnvSpec
 from roboverse_learn.config.compose import compose
 from roboverse_learn.view import has_display, view
 from roboverse_learn.viewer import episodes
+from tests.imported_process import start
 from tests.viewed import needs_viewer, recorded
 from tests.viewed import view as run_view
 
@@ -141,6 +142,37 @@ def test_visual_geoms_become_meshes_with_the_materials_of_the_level() -> None:
     for mesh in meshes:
         assert mesh.triangles.max() < len(mesh.vertices) == len(mesh.normals)
         assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-3)
+
+
+SERVE = """
+from contextlib import closing
+from types import SimpleNamespace
+from envs.spec import EnvSpec
+from roboverse_learn.viewer.recording import EpisodeRecording
+
+asked = []
+with closing(EnvSpec(task="PickCube", cameras=("front",), image_size=16).make(1)) as env:
+    recording = EpisodeRecording(env, "a title")
+    recording._stream = SimpleNamespace(
+        serve_grpc=lambda **words: asked.append(sorted(words)) or "rerun+http://here",
+        send_blueprint=lambda views: asked.append(type(views).__name__),
+    )
+    recording._calls = [lambda: asked.append("logged")]
+    recording._rr = SimpleNamespace(serve_web_viewer=lambda **words: asked.append(words["connect_to"]))
+    page = recording.serve()
+print(asked, page.partition("?")[2])
+"""
+
+
+@pytest.mark.slow
+@needs_viewer
+def test_the_server_has_started_before_it_gets_a_blueprint_or_anything_else(tmp_path: Path) -> None:
+    out = tmp_path / "printed"
+    process = start(SERVE, folder=tmp_path, out=out)
+    process.join(300)
+    assert process.exitcode == 0, out.read_text()
+    expected = "[['grpc_port'], 'Blueprint', 'logged', 'rerun+http://here'] url=rerun%2Bhttp%3A%2F%2Fhere"
+    assert out.read_text().splitlines()[-1] == expected
 
 
 @pytest.mark.slow
