@@ -173,7 +173,7 @@ class EpisodeRecording:
 
     def serve(self) -> str:
         """Opens the recording in the browser until this process ends; returns the page's address."""
-        # With a blueprint as an argument, or anything logged before, the server of Rerun 0.33 may never start.
+        # With a blueprint as an argument, or anything logged before, Rerun 0.33 may never start it.
         address = self._stream.serve_grpc(grpc_port=_free_port(_GRPC_PORT))
         self._stream.send_blueprint(self._views())
         self._send()
