@@ -1,7 +1,8 @@
 """Commands over a suite: one task after the other; one that cannot run is named, and the others go on."""
 
+import contextlib
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,8 +84,7 @@ def collect_suite(
         return collect_dataset(of_task(task))
 
     if config.tasks_at_once > 1:
-        there = [task for task in suite_tasks(config.suite) if _is_there(of_task, task)]
-        collect_in_parallel([of_task(task) for task in there])
+        collect_in_parallel(list(_found(of_task, suite_tasks(config.suite)).values()))
     collected, failed = _each_task(config.suite, collect)
     return SuiteCollection(suite=config.suite, collected=collected, failed=failed)
 
@@ -118,7 +118,7 @@ def evaluate_suite(
         return evaluate_checkpoint(tested(task))
 
     if config.tasks_at_once > 1:
-        evaluate_in_parallel(config, [task for task in suite_tasks(config.suite) if _is_there(tested, task)])
+        evaluate_in_parallel(config, list(_found(tested, suite_tasks(config.suite))))
     evaluations, failed = _each_task(config.suite, evaluate)
     results = {task: each.result for task, each in evaluations.items()}
     paths = {task: each.path for task, each in evaluations.items() if each.path is not None}
@@ -143,13 +143,13 @@ def evaluate_suite(
     )
 
 
-def _is_there(find: Callable[[str], object], task: str) -> bool:
-    """Whether something can be found for a task; why it cannot be is said later."""
-    try:
-        find(task)
-    except RoboVerseError:
-        return False
-    return True
+def _found[T](find: Callable[[str], T], tasks: Sequence[str]) -> dict[str, T]:
+    """Returns what is found for each task; why another one has nothing is said later."""
+    found = {}
+    for task in tasks:
+        with contextlib.suppress(RoboVerseError):
+            found[task] = find(task)
+    return found
 
 
 def _each_task[T](suite: str, do: Callable[[str], T]) -> tuple[dict[str, T], dict[str, str]]:

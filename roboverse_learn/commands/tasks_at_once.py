@@ -34,8 +34,8 @@ def keeps_cells_alone() -> bool:
 
 def collect_in_parallel(configs: Sequence[CollectConfig]) -> None:
     """Completes the datasets of tasks in processes beside each other."""
-    at_once = min(*(config.tasks_at_once for config in configs), len(configs), 1 << 10) if configs else 1
-    if at_once == 1:
+    at_once = min([len(configs), *(config.tasks_at_once for config in configs)])
+    if at_once <= 1:
         return
     commands = {}
     for config in configs:

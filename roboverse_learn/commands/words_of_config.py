@@ -13,33 +13,25 @@ def collect_words(config: CollectConfig) -> list[str]:
         config: The configuration; of a run, what belongs to training is passed over.
 
     Returns:
-        ``key=value`` for each value that is not the default. A shell needs them quoted.
+        The task, and ``key=value`` for each value that is not the default. A shell needs them quoted.
     """
-    values, defaults = to_values(config), to_values(CollectConfig())
-    words = []
-    for key in flat_keys(defaults):
-        if key == "preset":  # what it says, and what overrides it, follows by itself
-            continue
-        if key == "task" and not config.suite:  # without it a source takes the task of its recordings
-            words.append(f"task={values[key]}")
-            continue
-        section, _, last = key.rpartition(".")
-        value = values[section][last] if section else values[key]
-        default = defaults[section][last] if section else defaults[key]
-        if isinstance(value, dict):
-            words += [f"{key}.{name}={as_text(item)}" for name, item in value.items()]
-        elif value != default:
-            words.append(f"{key}={value if isinstance(default, str) else as_text(value)}")
-    return words
+    return _words("collect", config)
 
 
 def evaluate_words(config: EvaluateConfig) -> list[str]:
     """Returns the words of ``roboverse evaluate`` that compose to it, as :func:`collect_words` does."""
-    values, defaults = to_values(config), default_values("evaluate", "")
-    words = []
-    for key in flat_keys(values):
+    return _words("evaluate", config)
+
+
+def _words(command: str, config: CollectConfig | EvaluateConfig) -> list[str]:
+    values, defaults = to_values(config), default_values(command, "")
+    if not config.suite:
+        defaults["task"] = ""  # without the word, a source takes the task of its recordings
+    given, words = set(flat_keys(values)), []
+    for key in flat_keys(defaults):
         value, default = at(values, key), at(defaults, key)
-        if key == "preset" or value == default:
+        # What a preset says, and what overrides it, follows by itself.
+        if key == "preset" or key not in given or value == default:
             continue
         if key in OPEN:
             words += [f"{key}.{name}={as_text(item)}" for name, item in value.items()]
