@@ -17,6 +17,8 @@ from envs.core.json_file import read_kept
 class ChainResults:
     """The results of one policy, kept chain by chain beside those of others.
 
+    ``done`` has the chains of runs at the present commit and seed: others are run again.
+
     Args:
         path: The file.
         label: The policy.
@@ -28,7 +30,7 @@ class ChainResults:
 
     def __init__(self, path: Path, label: str, run: dict[str, Any]) -> None:
         self._path, self._label, self._facts = path, label, run
-        self.done = _solved(read_runs(path).get(label, []))
+        self.done = _solved([each for each in read_runs(path).get(label, []) if self._is_own(each)])
 
     def add(self, index: int, count: int) -> None:
         """Keeps how many tasks of a chain were solved in a row; other processes may add at the same time.
@@ -46,6 +48,10 @@ class ChainResults:
                 solved = run["solved"] | {str(index): count}
                 run["solved"] = {key: solved[key] for key in sorted(solved, key=int)}
                 _write(self._path, runs)
+
+    def _is_own(self, run: dict[str, Any]) -> bool:
+        """Whether a run of the file had the same code and seed, so that this one continues it."""
+        return all(run.get(key) == self._facts.get(key) for key in ("git_sha", "seed"))
 
     def _run_in(self, runs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         """Returns the present run in those of a file, at their end where it has no result yet."""

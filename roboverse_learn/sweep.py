@@ -91,6 +91,15 @@ def plan(words: Sequence[str]) -> Sweep:
 def _checked(config: SweepConfig, runs: tuple[tuple[tuple[str, ...], TrainRunConfig], ...]) -> Sweep:
     if not runs:
         raise ConfigError("The sweep has no run: a key was given without a value. Give each at least one.")
+    of_folder: dict[Path, tuple[str, ...]] = {}
+    for words, run in runs:
+        other = of_folder.setdefault(default_folder(run), words)
+        if other is not words:
+            keys = ", ".join(word.partition("=")[0] for word in words if word not in other)
+            raise ConfigError(
+                f"'{' '.join(other)}' and '{' '.join(words)}' learn the same, so they would share a folder. "
+                f"Give {keys} one value; roboverse evaluate evaluates a checkpoint in further ways."
+            )
     return Sweep(config, runs)
 
 

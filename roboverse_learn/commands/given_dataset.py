@@ -9,6 +9,7 @@ from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
+from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
@@ -62,7 +63,7 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
 
     Raises:
         DatasetError: There is none, it is damaged or empty, or was collected here with other settings.
-        ConfigError: Its episodes are of another task.
+        ConfigError: Its episodes are of another task, or of several that the policy cannot tell apart.
     """
     info = DatasetInfo.open(config.dataset)
     if is_collected_here(info.root):
@@ -83,12 +84,19 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
 
 
 def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
-    """Checks that episodes that name their task name one of the run."""
+    """Checks that episodes that name their task name one of the run, and no other that it would learn too."""
     named = info.named_tasks
     if named and not set(named) & set(config.tasks):
         raise ConfigError(
             f"dataset={info.root} is of {', '.join(named)}, and the run is of {', '.join(config.tasks)}. Add "
             f"task={named[0]}."
+        )
+    others = [task for task in named if task not in config.tasks]
+    if others and TASK_INDEX not in getattr(policies.policy_class(config.policy_name), "columns", ()):
+        raise ConfigError(
+            f"dataset={info.root} has episodes of {', '.join(others)}, too, and policy={config.policy_name} "
+            f"reads no instruction that would tell them from {', '.join(config.tasks)}. Give a dataset of "
+            "one task, or take policy=mtact."
         )
 
 

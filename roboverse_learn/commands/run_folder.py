@@ -56,29 +56,40 @@ _STREAMS = ("training", "collection")
 
 
 def identity(config: TrainRunConfig) -> dict[str, Any]:
-    """Returns the flat keys and values that decide what a run learns."""
+    """Returns the flat keys and values that decide what a run learns, those of its name.
+
+    Keys that are younger than the first runs are left out at their usual values: a run keeps its name.
+    """
+    return _flat(_without_usual_younger(_decisive(config), config))
+
+
+def _decisive(config: TrainRunConfig) -> dict[str, Any]:
+    """Returns the nested keys and values that decide what a run learns."""
     values = {key: value for key, value in to_values(config).items() if key not in _FREE}
-    for younger in (
-        "simulator_settings",
-        "scenario",
-        "recipe",
-        "robot",
-        "only_corrections",
-    ):  # without it a run keeps its name
-        if younger in values and not values[younger]:
-            del values[younger]
-    _leave_out_usual(values["collect"], DemonstrationConfig(), ("steps_per_look",))
     if len(config.tasks) == 1:
         values["policy"].pop("tasks", None)
-    if younger := getattr(config.policy, "younger", ()):
-        _leave_out_usual(values["policy"], type(config.policy)(), younger)
+    if given := values["train"].get("resume_from", ""):  # its path differs between machines
+        values["train"]["resume_from"] = file_hash(weights_path(resolve(given)))
+    return values
+
+
+def _without_usual_younger(values: dict[str, Any], config: TrainRunConfig) -> dict[str, Any]:
+    """Deletes younger keys at their usual values from what :func:`_decisive` returns."""
+    for key in ("simulator_settings", "scenario", "recipe", "robot", "only_corrections"):
+        if key in values and not values[key]:
+            del values[key]
+    _leave_out_usual(values["collect"], DemonstrationConfig(), ("steps_per_look",))
+    _leave_out_usual(values["policy"], type(config.policy)(), getattr(config.policy, "younger", ()))
     if not values["policy"].get("wrong_instructions", True):
         del values["policy"]["wrong_instructions"]
-    given = values["train"].pop("resume_from", "")
-    if given:  # its path differs between machines
-        values["train"]["resume_from"] = file_hash(weights_path(resolve(given)))
+    if not values["train"].get("resume_from", True):
+        del values["train"]["resume_from"]
     younger = ("hue", "convolution", "overlay", "tone", "shadow", "swap", "swap_camera")
     _leave_out_usual(values["train"].get("augment", {}), AugmentConfig(), younger)
+    return values
+
+
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
     return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
 
 
@@ -318,10 +329,13 @@ def _other_file(folder: Path) -> str | None:
 
 def _check_same(folder: Path, config: TrainRunConfig) -> None:
     """Refuses to continue a run as another one."""
-    before, now = identity(read_config(folder)), identity(config)
-    changed = [key for key in now if key not in _EXTENDABLE and before.get(key) != now[key]]
+    before, now = _flat(_decisive(read_config(folder))), _flat(_decisive(config))
+    keys = [key for key in {**now, **before} if key not in _EXTENDABLE]
+    changed = [key for key in keys if before.get(key) != now.get(key)]
+    if "policy_name" in changed:
+        changed = ["policy_name"]  # whose other keys are its own
     if changed:
-        what = "; ".join(f"{key}={now[key]}, it has {before.get(key)}" for key in changed)
+        what = "; ".join(f"{key}={now.get(key)}, it has {before.get(key)}" for key in changed)
         raise ConfigError(
             f"The run '{folder}' was started with another configuration: you gave {what}. "
             "Leave these keys out to continue it, or leave out run= to start a new run."

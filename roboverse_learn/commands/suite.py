@@ -190,6 +190,8 @@ def _run_name(config: EvaluateConfig) -> str:
         "env": to_json_values(config.env),
     }
     decides |= {"materials": config.evaluate.materials, "named": config.protocol}
+    if config.rename_map:
+        decides["rename_map"] = dict(config.rename_map)
     base = config.policy_name
     if not base:
         checkpoint = open_checkpoint(config.checkpoint)

@@ -8,6 +8,7 @@ import gc
 import itertools
 import logging
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -70,7 +71,7 @@ def _free_gpu_memory() -> None:
 
 
 def _run(commands: Mapping[str, tuple[str, ...]], slots: Sequence[Mapping[str, str]]) -> None:
-    """Runs the command of each task, one in each slot at a time."""
+    """Runs the command of each task, one in each slot at a time; logs stay where one failed."""
     logs = Path(tempfile.mkdtemp(prefix="roboverse-"))
     log.info("%d tasks, each in a process. Their logs: %s", len(commands), logs)
     jobs = [
@@ -87,4 +88,6 @@ def _run(commands: Mapping[str, tuple[str, ...]], slots: Sequence[Mapping[str, s
             said = "%d of %d: %s ended with code %s; it is tried again below."
             log.warning(said, number, len(jobs), job.name, code)
 
-    run_processes(jobs, slots, logs, on_end)
+    codes = run_processes(jobs, slots, logs, on_end)
+    if not any(codes.values()):
+        shutil.rmtree(logs, ignore_errors=True)

@@ -116,7 +116,7 @@ def test_results_are_kept_and_only_missing_chains_are_run(monkeypatch, tmp_path)
 
     monkeypatch.setattr(calvin_chains, "run_chains", run)
     path, counts = tmp_path / "results.json", []
-    old = {"command": "before", "git_sha": None, "seed": 0, "solved": {"1": 4}}
+    old = {"command": "before", "git_sha": "abc", "seed": 0, "solved": {"1": 4}}
     path.write_text(json.dumps({"expert": [old], "mine": [{"solved": {"0": 2}}]}))
 
     def evaluate(first, count):
@@ -136,6 +136,17 @@ def test_results_are_kept_and_only_missing_chains_are_run(monkeypatch, tmp_path)
         "seed": 0,
         "solved": {"0": 0, "2": 2, "3": 3},
     }
+
+
+@pytest.mark.parametrize("other", [{"git_sha": "1234"}, {"git_sha": None}, {"seed": 1}])
+def test_chains_of_another_commit_or_seed_are_run_again(other, tmp_path):
+    path, facts = tmp_path / "chains.json", {"command": "now", "git_sha": "abc", "seed": 0}
+    ChainResults(path, "mine", facts | other).add(0, 5)
+    now = ChainResults(path, "mine", facts)
+    assert now.done == {}
+    now.add(0, 3)
+    assert ChainResults(path, "mine", facts).done == {0: 3}
+    assert [run["solved"] for run in read_runs(path)["mine"]] == [{"0": 5}, {"0": 3}]
 
 
 def test_results_that_two_processes_add_alternately_are_all_kept(tmp_path):

@@ -1,9 +1,12 @@
-"""Whether a policy of a dataset can act in a task: by the names of joints, however they are written."""
+"""Datasets that are given: whose tasks a policy can tell apart, and whose joints are those of a task."""
 
 from types import SimpleNamespace
 
+import pytest
+
+from envs.core.errors import ConfigError
 from roboverse_learn.commands.dataset_layout import task_layout
-from roboverse_learn.commands.given_dataset import _misfit
+from roboverse_learn.commands.given_dataset import _check_tasks, _misfit
 from roboverse_learn.config.compose import compose
 
 
@@ -30,3 +33,18 @@ def test_other_joints_are_named():
         "The policy is not evaluated, for it cannot act in PickCube: its observation.state"
     )
     assert "shoulder" in words
+
+
+TWO_TASKS = SimpleNamespace(root="datasets/both", named_tasks=["PickCube", "StackCube"])
+
+
+def test_a_policy_that_reads_no_instruction_takes_no_dataset_of_further_tasks():
+    config = compose("train", ["task=PickCube", "policy=act"])
+    with pytest.raises(ConfigError, match=r"episodes of StackCube, too, and policy=act reads no instruction"):
+        _check_tasks(TWO_TASKS, config)
+    _check_tasks(SimpleNamespace(root="datasets/one", named_tasks=["PickCube"]), config)
+    _check_tasks(SimpleNamespace(root="datasets/of_others", named_tasks=[]), config)
+
+
+def test_a_policy_that_reads_instructions_takes_it():
+    _check_tasks(TWO_TASKS, compose("train", ["task=PickCube", "policy=mtact"]))

@@ -127,6 +127,31 @@ def test_a_run_is_not_continued_as_another(word: str) -> None:
     assert read_config(run.folder) == config()
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "usual"),
+    [
+        ("train.augment.hue", "0.1", "0"),
+        ("train.augment.swap_camera", "wrist", "front"),
+        ("collect.steps_per_look", "5", "0"),
+        ("policy.n_residual_blocks", "1", "0"),
+        ("robot", "iiwa", "franka"),
+    ],
+)
+def test_a_run_is_not_continued_with_a_key_back_at_its_usual_value(key: str, value: str, usual: str) -> None:
+    with RunFolder.open(compose("train", ["preset=quick", f"{key}={value}"]), COMMAND) as run:
+        pass
+    back = compose("train", [f"run={run.folder}", "preset=quick", f"{key}={usual}"])
+    with pytest.raises(ConfigError, match=rf"you gave {key}=\S*, it has {value}\. Leave"):
+        RunFolder.open(back, COMMAND)
+
+
+def test_a_run_of_another_policy_is_told_by_its_name_alone() -> None:
+    with RunFolder.open(config(), COMMAND) as run:
+        pass
+    with pytest.raises(ConfigError, match=r"you gave policy_name=diffusion, it has act\. Leave"):
+        RunFolder.open(compose("train", [f"run={run.folder}", "preset=quick", "policy=diffusion"]), COMMAND)
+
+
 def test_a_run_is_open_in_one_process_only() -> None:
     with (
         RunFolder.open(config(), COMMAND),

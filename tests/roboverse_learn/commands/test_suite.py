@@ -1,6 +1,7 @@
 """``suite=`` in place of ``task=``: every task, their mean, and what cannot run."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -133,6 +134,10 @@ def test_an_evaluation_of_a_checkpoint_without_one_file_of_weights_has_a_name(we
     (folder / weights).write_text("first")
     config = compose("evaluate", [f"checkpoint={tmp_path / 'tuned'}", "suite=paper"])
     before = _run_name(config)
+    mapped = compose(
+        "evaluate", [f"checkpoint={tmp_path / 'tuned'}", "suite=paper", "rename_map={front: top}"]
+    )
+    assert _run_name(mapped) not in (before, _run_name(replace(mapped, rename_map={"front": "side"})))
     (folder / weights).write_text("second")
     assert before.startswith("tuned-") and _run_name(config) != before
 

@@ -4,6 +4,7 @@ import json
 import logging
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -31,6 +32,7 @@ def started(monkeypatch):
     def run(jobs, slots, logs, on_end):
         assert len({job.name for job in jobs}) == len(jobs)
         seen.append(([job.words for job in jobs], slots))
+        return dict.fromkeys((job.name for job in jobs), 0)
 
     gpus = [{"CUDA_VISIBLE_DEVICES": str(gpu)} for gpu in range(2)]
     monkeypatch.setattr(tasks_at_once, "run_processes", run)
@@ -86,6 +88,11 @@ def test_chains_are_not_tasks():
         compose("evaluate", words)
 
 
+def logs_of(text):
+    """Returns the folders of logs that a command names."""
+    return re.findall(r"Their logs: (\S+)", text)
+
+
 @pytest.mark.slow
 def test_tasks_at_once_leave_nothing_to_do_but_training(tmp_path, monkeypatch, caplog):
     monkeypatch.chdir(tmp_path)
@@ -94,6 +101,7 @@ def test_tasks_at_once_leave_nothing_to_do_but_training(tmp_path, monkeypatch, c
     done = re.findall(r"\d of 2: \d-(\S+) done", caplog.text)
     assert sorted(done) == [f"{what}-{task}" for what in ("collect", "evaluate") for task in TASKS]
     assert caplog.text.count("Evaluated before: level 0, test split") == 2
+    assert not any(Path(logs).exists() for logs in logs_of(caplog.text)), "none failed"
     (run,) = (tmp_path / "runs/PickCube/mtact").iterdir()
     for task, folder in read_facts(run, "collect")["folder"].items():
         assert DatasetInfo.open(tmp_path / folder).num_episodes == 2
@@ -126,3 +134,4 @@ def test_a_suites_result_is_the_same_and_a_task_that_failed_is_tried_again(tmp_p
     assert found[0] == found[1] and failing == ["2-evaluate-StackCube"]
     assert "1-evaluate-PickCube done" in caplog.text
     assert re.search(r"2-evaluate-StackCube ended with code [1-9]\d*; it is tried again", caplog.text)
+    assert "no_such_key" in Path(logs_of(caplog.text)[-1], "2-evaluate-StackCube.log").read_text()
