@@ -159,7 +159,7 @@ def run_of(checkpoint: Path) -> Path | None:
 def result_name(folder: Path) -> str:
     """Returns the name of a run in its results: its folder's, or one made of it that is fit for a file.
 
-    A name that was changed ends in a hash of the folder's, so that no two folders share a results file.
+    A name that was changed ends in a hash of the folder's, so that no two names share a results file.
     """
     name = folder.absolute().name
     fit = fit_for_a_file(name).lstrip("._+=-")[:_LONGEST_NAME]
@@ -205,7 +205,8 @@ class RunFolder:
         """Opens the run of a configuration: the one that exists already, or a new one.
 
         Raises:
-            ConfigError: ``run=`` names a run of another configuration, or another process has it open.
+            ConfigError: ``run=`` names a run of another configuration, or would overwrite the results of
+                one, or another process has it open.
         """
         folder = Path(config.run) if config.run else default_folder(config)
         if (folder / CONFIG_FILE).exists():
@@ -215,6 +216,8 @@ class RunFolder:
                 f"The folder '{folder}' is no run and holds other files, such as '{other}'. Name an empty or "
                 "a new folder, or leave out run=."
             )
+        elif config.run:
+            _check_results(folder, config)
         return cls(folder, config, command)
 
     @property
@@ -329,17 +332,34 @@ def _other_file(folder: Path) -> str | None:
 
 def _check_same(folder: Path, config: TrainRunConfig) -> None:
     """Refuses to continue a run as another one."""
-    before, now = _flat(_decisive(read_config(folder))), _flat(_decisive(config))
-    keys = [key for key in {**now, **before} if key not in _EXTENDABLE]
-    changed = [key for key in keys if before.get(key) != now.get(key)]
-    if "policy_name" in changed:
-        changed = ["policy_name"]  # whose other keys are its own
-    if changed:
-        what = "; ".join(f"{key}={now.get(key)}, it has {before.get(key)}" for key in changed)
+    if what := _changes(read_config(folder), config):
         raise ConfigError(
             f"The run '{folder}' was started with another configuration: you gave {what}. "
             "Leave these keys out to continue it, or leave out run= to start a new run."
         )
+
+
+def _check_results(folder: Path, config: TrainRunConfig) -> None:
+    """Refuses a new run whose results would replace those of another, whose folder has the same name."""
+    for path in Path(config.results_dir).glob(f"v*/{config.env.task}/*/{result_name(folder)}.json"):
+        try:
+            earlier = from_values("train", json.loads(path.read_text())["config"])
+        except (OSError, ValueError, KeyError, TypeError, RoboVerseError):
+            continue  # it is not that of a run
+        if earlier.policy_name == config.policy_name and (what := _changes(earlier, config)):
+            raise ConfigError(
+                f"'{path}' has the results of another run whose folder is named '{folder.name}': you gave "
+                f"{what}. Name the folder otherwise, such as run={folder}-seed{config.seed}, or move the file."
+            )
+
+
+def _changes(before: TrainRunConfig, now: TrainRunConfig) -> str:
+    """Returns which keys decide that a run is not another one; empty where they are the same."""
+    old, new = _flat(_decisive(before)), _flat(_decisive(now))
+    changed = [key for key in {**new, **old} if key not in _EXTENDABLE and old.get(key) != new.get(key)]
+    if "policy_name" in changed:
+        changed = ["policy_name"]  # whose other keys are its own
+    return "; ".join(f"{key}={new.get(key)}, it has {old.get(key)}" for key in changed)
 
 
 def _write_config(path: Path, config: TrainRunConfig) -> None:

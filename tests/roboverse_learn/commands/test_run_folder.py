@@ -152,6 +152,19 @@ def test_a_run_of_another_policy_is_told_by_its_name_alone() -> None:
         RunFolder.open(compose("train", [f"run={run.folder}", "preset=quick", "policy=diffusion"]), COMMAND)
 
 
+def test_a_run_does_not_take_the_place_of_anothers_results(tmp_path: Path) -> None:
+    words = ["preset=quick", f"results_dir={tmp_path / 'results'}"]
+    kept = tmp_path / "results/v2/PickCube/act/mine.json"
+    kept.parent.mkdir(parents=True)
+    kept.write_text(json.dumps({"config": to_values(compose("train", [*words, "seed=0"]))}))
+    with pytest.raises(
+        ConfigError, match=r"mine\.json' has the results of another run .* seed=1, it has 0\. Name"
+    ):
+        RunFolder.open(compose("train", [*words, "seed=1", f"run={tmp_path / 'b/mine'}"]), COMMAND)
+    RunFolder.open(compose("train", [*words, "seed=0", f"run={tmp_path / 'c/mine'}"]), COMMAND).close()
+    RunFolder.open(compose("train", [*words, "seed=1", f"run={tmp_path / 'b/other'}"]), COMMAND).close()
+
+
 def test_a_run_is_open_in_one_process_only() -> None:
     with (
         RunFolder.open(config(), COMMAND),
