@@ -349,7 +349,7 @@ def _check_results(folder: Path, config: TrainRunConfig) -> None:
         if earlier.policy_name == config.policy_name and (what := _changes(earlier, config)):
             raise ConfigError(
                 f"'{path}' has the results of another run whose folder is named '{folder.name}': you gave "
-                f"{what}. Name the folder otherwise, such as run={folder}-seed{config.seed}, or move the file."
+                f"{what}. Name the folder otherwise, as run={folder}-seed{config.seed}, or move the file."
             )
 
 
