@@ -10,19 +10,18 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from envs.core.atomic import partial_path, write_errors, write_json
+from envs.core.atomic import atomic_directory, write_json
 from envs.core.errors import ConfigError, PolicyError
 from envs.joint_readings import joint_readings
 from envs.scenario import CameraCfg, RobotCfg
 from envs.tasks.base import Task
 from roboverse_learn.config.other_commands import ExportConfig
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 
 ROBOT_FILE = "robot.json"
 
 RESIZE_STEP = "image_crop_resize_processor"
 """LeRobot's registered step that resizes images."""
-
-_IMAGES = "observation.images."
 
 
 def export(config: ExportConfig) -> str:
@@ -98,8 +97,8 @@ def _checked_features(
             f"'{checkpoint}' has a state of {found[0]} and an action of {found[1]} numbers; '{robot.name}' "
             f"has {joints[0]} joints."
         )
-    expected = {f"{_IMAGES}{camera.name}": (3, camera.height, camera.width) for camera in cameras}
-    seen = {key: shape for key, shape in shapes.items() if key.startswith(_IMAGES)}
+    expected = {f"{IMAGE_PREFIX}{camera.name}": (3, camera.height, camera.width) for camera in cameras}
+    seen = {key: shape for key, shape in shapes.items() if key.startswith(IMAGE_PREFIX)}
     if any(expected.get(key) != shape for key, shape in seen.items()) or len(set(seen.values())) > 1:
         raise PolicyError(
             f"'{checkpoint}' takes images {seen}; its run rendered {expected}. All must be of one size: "
@@ -125,16 +124,10 @@ def _write(checkpoint: Path, out: Path, size: tuple[int, int] | None, facts: dic
         step = {"registry_name": RESIZE_STEP, "config": {"crop_params_dict": None, "resize_size": list(size)}}
         renames = (index for index, each in enumerate(pipeline["steps"]) if "rename" in str(each))
         pipeline["steps"].insert(next(renames, -1) + 1, step)
-    temporary = partial_path(out)
-    with write_errors(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            shutil.copytree(checkpoint, temporary)
-            write_json(temporary / PREPROCESSOR, pipeline)
-            write_json(temporary / ROBOT_FILE, facts)
-            temporary.replace(out)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
+    with atomic_directory(out) as staging:
+        shutil.copytree(checkpoint, staging, dirs_exist_ok=True)
+        write_json(staging / PREPROCESSOR, pipeline)
+        write_json(staging / ROBOT_FILE, facts)
 
 
 def _facts(task: Task, robot: RobotCfg, cameras: tuple[CameraCfg, ...]) -> dict[str, Any]:
