@@ -31,7 +31,7 @@ from roboverse_learn.data.dataset.info import is_collected_here
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.schema import INFO_PATH
 from roboverse_learn.folder_lock import lock_directory
-from roboverse_learn.training.config import AugmentConfig
+from roboverse_learn.training.config import AugmentConfig, TrainConfig
 
 log = logging.getLogger(__name__)
 
@@ -84,6 +84,7 @@ def _without_usual_younger(values: dict[str, Any], config: TrainRunConfig) -> di
         del values["policy"]["wrong_instructions"]
     if not values["train"].get("resume_from", True):
         del values["train"]["resume_from"]
+    _leave_out_usual(values["train"], TrainConfig(), ("mixing",))
     younger = ("hue", "convolution", "overlay", "tone", "shadow", "swap", "swap_camera")
     _leave_out_usual(values["train"].get("augment", {}), AugmentConfig(), younger)
     return values

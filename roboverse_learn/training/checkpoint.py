@@ -79,15 +79,19 @@ def save_checkpoint(
         names = ("step", "elapsed_s", "settings", "numbers")
         content = {name: getattr(state, name) for name in names}
         (inner / _JSON).write_text(json.dumps({"format": _FORMAT, **content}, indent=2), encoding="utf-8")
+    _point_last_at(directory)
+    for old in directory.parent.glob(f"[0-9]*/{STATE}"):
+        if old.parent.name != directory.name:
+            shutil.rmtree(old, ignore_errors=True)
+    return directory / PRETRAINED
+
+
+def _point_last_at(directory: Path) -> None:
     last = directory.parent / "last"
     with write_errors(last):
         link = partial_path(last)
         link.symlink_to(directory.name)
         os.replace(link, last)
-    for old in directory.parent.glob(f"[0-9]*/{STATE}"):
-        if old.parent.name != directory.name:
-            shutil.rmtree(old, ignore_errors=True)
-    return directory / PRETRAINED
 
 
 def load_checkpoint(directory: Path, settings: Mapping[str, Any]) -> TrainState:
@@ -120,16 +124,22 @@ def load_checkpoint(directory: Path, settings: Mapping[str, Any]) -> TrainState:
 
 
 def remove_leftovers(run_dir: Path) -> None:
-    """Deletes what a killed run was writing; only the one process that has the run open may."""
+    """Puts right what a killed run was writing; only the one process that has the run open may."""
     remove_partial_files(run_dir / "checkpoints")
+    if newest := _newest(run_dir):
+        _point_last_at(newest)
 
 
 def last_checkpoint(run_dir: Path) -> Path | None:
     """Returns the newest checkpoint of a run that training can resume from, or None."""
+    if newest := _newest(run_dir):  # also where the run was killed between a checkpoint and its link
+        return newest
     last = run_dir / "checkpoints" / "last"
-    if (last / STATE).is_dir():
-        return last.resolve()
-    # Killed between a checkpoint and its link: the newest folder counts.
+    return last.resolve() if (last / STATE).is_dir() else None
+
+
+def _newest(run_dir: Path) -> Path | None:
+    """Returns the folder with the largest step that training can resume from, or None."""
     found = [path.parent for path in (run_dir / "checkpoints").glob(f"[0-9]*/{STATE}")]
     return max(found, key=lambda path: int(path.name), default=None)
 

@@ -83,6 +83,8 @@ class TrainConfig:
         steps: Gradient steps; of a policy that learns from an env, environment steps, over all its
             environments together, and so are ``save_every`` and ``log_every``.
         batch_size: Samples per gradient step, over all processes together.
+        mixing: Of several tasks that are learned together: each has a share of every batch in proportion to
+            its frames to this power. 0 samples tasks equally often, 1 frames.
         lr: Peak learning rate of AdamW.
         lr_backbone: Peak learning rate of the image backbone; None takes ``lr``.
         lr_muon: Peak learning rate of Muon for the matrices of linear layers; None trains them by AdamW too.
@@ -117,6 +119,7 @@ class TrainConfig:
 
     steps: int = 100_000
     batch_size: int = 32
+    mixing: float = 0.0
     lr: float = 1e-4
     lr_backbone: float | None = None
     lr_muon: float | None = None
@@ -164,6 +167,8 @@ class TrainConfig:
         if self.time_limit_s is not None and self.time_limit_s <= 0:
             raise ConfigError(f"train.time_limit_s must be above 0 seconds, or null for no limit, "
                               f"given {self.time_limit_s}.")  # fmt: skip
+        if not 0.0 <= self.mixing <= 1.0:
+            raise ConfigError(f"train.mixing must be from 0 to 1, given {self.mixing}.")
         if len(self.betas) != 2 or not all(0.0 <= beta < 1.0 for beta in self.betas):
             raise ConfigError(f"train.betas must be two numbers from 0 to below 1, given {self.betas}.")
         if not 0.0 <= self.ema_max_decay < 1.0:

@@ -15,6 +15,7 @@ from policies.checkpoint import WEIGHTS, learned_tasks, resolve, seen_cameras
 from roboverse_learn import cli
 from roboverse_learn.commands.run_folder import read_config, read_facts
 from roboverse_learn.data import DatasetInfo
+from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.schema import COLLECTION_PATH
 from tests.integration.main_run import TINY, MainRun
 from tests.integration.test_bad_input import snapshot
@@ -51,8 +52,8 @@ def split(main_run: MainRun, root: Path) -> None:
     assert Path(parts[root.name].root) == root
 
 
-def of_another_robot(root: Path, use_videos: bool = True) -> Path:
-    """A dataset of LeRobot's recorder: six named motors and two cameras, which are not square."""
+def of_another_robot(root: Path, use_videos: bool = True, brightest: int = 255) -> Path:
+    """A dataset of LeRobot's recorder: six named motors and a camera, whose images are not square."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     motors = {"dtype": "float32", "shape": (6,), "names": [f"motor{i}.pos" for i in range(6)]}
@@ -71,7 +72,7 @@ def of_another_robot(root: Path, use_videos: bool = True) -> Path:
             dataset.add_frame({
                 "observation.state": rng.normal(size=6).astype(np.float32),
                 "action": rng.normal(size=6).astype(np.float32),
-                "observation.images.top": rng.integers(0, 255, (48, 64, 3), dtype=np.uint8),
+                "observation.images.top": rng.integers(0, brightest, (48, 64, 3), dtype=np.uint8),
                 "task": "fold the towel",
             })  # fmt: skip
         dataset.save_episode()
@@ -115,6 +116,15 @@ def test_a_dataset_of_another_robot_is_trained_on_and_evaluation_is_left_out(
     checkpoint = resolve(run)
     assert set(seen_cameras(checkpoint)) == {"top"} and learned_tasks(checkpoint) == ()
     assert not (tmp_path / "results_dir").exists()
+
+
+@pytest.mark.parametrize("use_videos", [True, False])
+def test_other_images_are_another_dataset(tmp_path: Path, use_videos: bool) -> None:
+    hashes = [
+        dataset_hash(of_another_robot(tmp_path / name, use_videos, brightest))
+        for name, brightest in (("first", 255), ("same", 255), ("darker", 100))
+    ]
+    assert hashes[0] == hashes[1] != hashes[2]
 
 
 def test_another_dataset_is_another_run(main_run: MainRun, tmp_path: Path) -> None:

@@ -150,7 +150,8 @@ class DatasetInfo:
         Raises:
             DatasetError: A file is absent, truncated, or has too few rows.
         """
-        keys = keys or [k for k, f in self.features.items() if f["dtype"] not in ("video", "image", "string")]
+        if keys is None:
+            keys = [k for k, f in self.features.items() if f["dtype"] not in ("video", "image", "string")]
         parts: dict[str, list[np.ndarray]] = {key: [] for key in keys}
         for path in self.data_files():
             table = read_parquet(path, keys)

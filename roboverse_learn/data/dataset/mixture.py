@@ -1,7 +1,7 @@
 """Several datasets as one, for a policy that learns their tasks together by their instructions.
 
-States and actions that are shorter than the longest are padded with zeros. Each task is sampled equally
-often, so statistics weigh each task alike.
+States and actions that are shorter than the longest are padded with zeros. Statistics weigh each task alike,
+also where training samples them unequally often (``train.mixing``).
 
 Shape legend: N = frames, B = batch, T = time steps of a window, D = entries of a vector.
 """
@@ -54,7 +54,7 @@ class Mixture:
     Attributes:
         info: Metadata of all frames together: largest vectors, statistics of balanced tasks.
         instructions: The instructions and tasks.
-        groups: Episodes of each task, which are sampled equally often.
+        groups: Episodes of each task, of which every batch has frames.
 
     Raises:
         DatasetError: The datasets differ in their cameras or image size.

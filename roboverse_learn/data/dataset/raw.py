@@ -11,6 +11,7 @@ from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.schema import RAW_PATH, video_keys
 from roboverse_learn.data.dataset.staging import check_tensors, read_tensors
+from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import check_there
 
 # When and how fast something was collected is no part of what was collected.
@@ -54,7 +55,7 @@ def _raw_file(root: str | Path, episode: int) -> Path:
 
 
 def dataset_hash(root: str | Path) -> str:
-    """Returns a sha256 over what a dataset holds: numbers, raw states, metadata and video files.
+    """Returns a sha256 over what a dataset holds: numbers, raw states, metadata, images and video files.
 
     It does not depend on the number of collecting processes, on dates, or on how tables are spread over
     files.
@@ -83,12 +84,22 @@ def dataset_hash(root: str | Path) -> str:
             digest.update(json.dumps(kept, sort_keys=True).encode())
             for name, values in sorted(arrays.items()):
                 _update(digest, name, values)
+    _update_images(digest, info)
     for key in video_keys(info.features):
         files = dict.fromkeys(info.video_file(index, key) for index in range(info.num_episodes))
         for path in files:
             check_there(path)
             digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def _update_images(digest: Any, info: DatasetInfo) -> None:
+    """Adds the images that tables hold, as those of some other programs do."""
+    for key in (key for key, feature in info.features.items() if feature["dtype"] == "image"):
+        digest.update(f"{key}:image:".encode())
+        for path in info.data_files():
+            for image in read_parquet(path, [key])[key].to_pylist():
+                digest.update(image["bytes"] or image["path"].encode())
 
 
 def _update(digest: Any, name: str, values: np.ndarray) -> None:

@@ -98,24 +98,26 @@ class EpisodeAwareSampler:
         return generator.permutation(self._frames)
 
 
-class BalancedSampler:
-    """Samples each of several groups of episodes equally often, whatever their numbers of frames.
+class MixtureSampler:
+    """Samples several groups of episodes, each by a fixed share of every batch.
 
-    A batch holds the frames of one group after those of another. What does not divide among the groups goes
-    to them in turn.
+    A group's share is in proportion to its frames to the power ``mixing``: 0 samples groups equally often,
+    1 frames. A batch holds the frames of one group after those of another. Fractions of a frame add up over
+    batches.
 
     Args:
         info: The dataset.
         groups: Episodes of each group.
         batch_size: Frames per batch over all processes, at least one of each group.
         seed: Seed of the order.
+        mixing: From 0 to 1.
         drop_last_frames: Frames left out at the end of every episode.
         rank: Which of ``world_size`` processes this is; it gets every ``world_size``-th frame of a batch.
         world_size: Number of training processes.
 
     Raises:
-        ConfigError: A group has no frame left, or the batch has fewer frames than there are groups or does
-            not divide over the processes.
+        ConfigError: A group has no frame left, or less than one in a batch, or the batch does not divide
+            over the processes.
     """
 
     def __init__(
@@ -125,15 +127,11 @@ class BalancedSampler:
         *,
         batch_size: int,
         seed: int,
+        mixing: float = 0.0,
         drop_last_frames: int = 0,
         rank: int = 0,
         world_size: int = 1,
     ) -> None:
-        if batch_size < len(groups) or batch_size % world_size:
-            raise ConfigError(
-                f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
-                f"least one frame of each of {len(groups)} tasks."
-            )
         self._members = [
             EpisodeAwareSampler(
                 info,
@@ -144,8 +142,16 @@ class BalancedSampler:
             )
             for index, episodes in enumerate(groups)
         ]
+        weights = np.array([member.num_frames for member in self._members]) ** float(mixing)
+        self._shares = batch_size * weights / weights.sum()
+        if batch_size % world_size or self._shares.min() < 1.0:
+            raise ConfigError(
+                f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
+                f"least one frame of each of {len(groups)} tasks, of which one has a share of "
+                f"{self._shares.min():.2g}. Give a larger batch, or train.mixing nearer to 0."
+            )
         self._batch_size, self._rank, self._world_size = batch_size, rank, world_size
-        self._turn = 0
+        self._batches = 0
 
     @property
     def num_frames(self) -> int:
@@ -154,34 +160,45 @@ class BalancedSampler:
 
     def next_batch(self) -> np.ndarray:
         """Returns this process's frames of the next batch, int64 (batch_size / world_size,)."""
-        number = len(self._members)
-        each, more = divmod(self._batch_size, number)
-        frames = []
-        for index, member in enumerate(self._members):
-            has_more = (index - self._turn) % number < more
-            frames.append(member.next_frames(each + has_more))
-        self._turn = (self._turn + more) % number
+        numbers = self._drawn(self._batches + 1) - self._drawn(self._batches)
+        self._batches += 1
+        frames = [member.next_frames(number) for member, number in zip(self._members, numbers, strict=True)]
         return np.concatenate(frames)[self._rank :: self._world_size]
+
+    def _drawn(self, batches: int) -> np.ndarray:
+        """Returns how many frames of each group so many batches have, int64 (groups,).
+
+        What whole frames leave over goes to the groups with the largest fractions. A share of at least one
+        frame keeps these numbers from falling from batch to batch.
+        """
+        exact = batches * self._shares
+        whole = np.floor(exact).astype(np.int64)
+        left = batches * self._batch_size - int(whole.sum())
+        whole[np.argsort(whole - exact, kind="stable")[:left]] += 1
+        return whole
 
     def state_dict(self) -> dict[str, Any]:
         """Returns the position in the order of each group."""
-        return {"turn": self._turn, "groups": [member.state_dict() for member in self._members]}
+        return {"batches": self._batches, "groups": [member.state_dict() for member in self._members]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continues from a position that :meth:`state_dict` gave."""
-        self._turn = int(state["turn"])
+        self._batches = int(state["batches"])
         for member, own in zip(self._members, state["groups"], strict=True):
             member.load_state_dict(own)
 
 
-def make_sampler(dataset: Any, **settings: Any) -> EpisodeAwareSampler | BalancedSampler:
-    """Returns the sampler of a dataset: balanced over its ``groups`` of episodes, where it names some.
+def make_sampler(
+    dataset: Any, *, mixing: float = 0.0, **settings: Any
+) -> EpisodeAwareSampler | MixtureSampler:
+    """Returns the sampler of a dataset: of a mixture, where it names ``groups`` of episodes.
 
     Args:
         dataset: What a policy is trained on.
+        mixing: Of :class:`MixtureSampler`.
         settings: Of either sampler: ``batch_size``, ``seed``, ``drop_last_frames``, ``rank``, ``world_size``.
     """
     groups = getattr(dataset, "groups", ())
     if groups:
-        return BalancedSampler(dataset.info, groups, **settings)
+        return MixtureSampler(dataset.info, groups, mixing=mixing, **settings)
     return EpisodeAwareSampler(dataset.info, **settings)

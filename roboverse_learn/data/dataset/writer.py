@@ -266,6 +266,7 @@ class DatasetWriter:
                 f"{layout_words(info['features'])}; given were {self.fps} fps and "
                 f"{layout_words(self.features)}. Choose another folder, or delete this one."
             )
+        counted = read_info(self.root)["total_episodes"]
         repair(self.root)
         rows = read_episodes(self.root, with_stats=True)
         self._num_episodes = len(rows)
@@ -276,7 +277,7 @@ class DatasetWriter:
         self._data = GrowingTable(self.root, DATA_PATH, num_files(rows, "data"), group_per_episode=True)
         row_files = num_files(rows, "meta/episodes")
         self._rows = GrowingTable(self.root, EPISODES_PATH, row_files, group_per_episode=False)
-        if rows and read_info(self.root)["total_episodes"] != len(rows):
+        if counted != len(rows):  # killed between the rows of an episode and what is computed from them
             self._write_summary()
 
     def _commit(self, episodes: Sequence[StagedEpisode]) -> None:

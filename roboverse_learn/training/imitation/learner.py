@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, override
 
 import policies
-from envs.core.errors import ConfigError, UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError, unknown_name
 from policies.base import listed
 from policies.checkpoint import policy_type, resolve
 from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.collected import of_task
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
 from roboverse_learn.training.imitation.wordings import with_bank_wordings
 from roboverse_learn.training.imitation.wrong_instructions import still_of, with_wrong_instructions
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from envs.tasks.base import Task
     from roboverse_learn.data.dataset.mixture import Mixture
     from roboverse_learn.data.dataset.reader import ResidentDataset
+    from roboverse_learn.data.dataset.schema import Feature
 
 
 class ImitationLearner(Learner):
@@ -43,8 +45,22 @@ class ImitationLearner(Learner):
                 still_of(task)
         if len(config.tasks) > 1:
             self._check_several()
+        elif config.train.mixing:
+            raise ConfigError(
+                f"train.mixing={config.train.mixing:g} weighs several tasks, and the run is of "
+                f"{config.env.task} alone. Leave it out, or name several, as in task=[PickCube,StackCube]."
+            )
+        features = dataset_layout(config)[0]
+        self._check_swap(features)
         if check := policies.check_of(config.policy_name):
-            check(config.policy, dataset_layout(config)[0])
+            check(config.policy, features)
+
+    def _check_swap(self, features: "Mapping[str, Feature]") -> None:
+        """Checks that the camera whose images are to be swapped is seen."""
+        augment = self.config.train.augment
+        cameras = [key.removeprefix(IMAGE_PREFIX) for key in features if key.startswith(IMAGE_PREFIX)]
+        if augment.swap and augment.swap_camera not in cameras:
+            raise unknown_name("camera of train.augment.swap_camera", augment.swap_camera, cameras)
 
     def _check_several(self) -> None:
         """Checks that several tasks can be learned together."""

@@ -121,6 +121,7 @@ class _Trainer:
             dataset,
             batch_size=config.batch_size,
             seed=seed,
+            mixing=config.mixing,
             drop_last_frames=policy.drop_last_frames,
             rank=self.rank,
             world_size=self.world,
@@ -139,6 +140,7 @@ class _Trainer:
         self.update = Update(policy, self.optimizer, self.ema, grad_clip=config.grad_clip, record=recorded)
         self.parameters = list(policy.model.parameters())
         self.step, self.first_step, self.elapsed_before = 0, 0, 0.0
+        self.shared_elapsed = 0.0  # of the first process, which the learning rate of all follows
         self.losses: list[dict[str, Tensor]] = []
         self.loss: float | None = None
         self.grad_norm: Tensor | float = 0.0
@@ -167,6 +169,7 @@ class _Trainer:
         self.run_dir.mkdir(parents=True, exist_ok=True)
         writers = open_writers(self.run_dir, self.step, self.config, self.policy.name) if self.is_main else []
         self.start = time.perf_counter()
+        self.shared_elapsed = self.elapsed_before
         saved_at = self.step if directory is not None else None
         with signals_noted() as interruption:
             try:
@@ -193,7 +196,7 @@ class _Trainer:
 
     def _gradient_step(self) -> None:
         torch.manual_seed(step_seed(self.seed, self.step, self.rank))
-        factor = learning_rate_factor(self.config, self.step, self._elapsed())
+        factor = learning_rate_factor(self.config, self.step, self.shared_elapsed)
         self.lr = self.optimizer.param_groups[0]["peak_lr"] * factor
         loss, terms = self.forward(self._batch())
         loss.backward()
@@ -328,18 +331,20 @@ class _Trainer:
     def _is_to_stop(self, interruption: Interruption) -> bool:
         """Whether time is over or a signal came, to any of the processes."""
         limit = self.config.time_limit_s
-        over = limit is not None and self._elapsed() >= limit
+        self.shared_elapsed = self._elapsed()
+        over = limit is not None and self.shared_elapsed >= limit
         if self.world == 1:
             return over or bool(interruption)
         if limit is None and self.step % self.config.log_every:
             return False  # asking all waits for the devices, as logging does
         # Clocks differ, and a signal reaches one process before another; processes that stop at different
-        # steps would wait for each other forever.
-        asked = torch.tensor([float(over), float(bool(interruption))], device=self.policy.device)
-        over, interrupted = (self.accelerator.reduce(asked, "sum") > 0).tolist()
+        # steps would wait for each other forever, and a learning rate that follows the time is to be one.
+        own = self.shared_elapsed if self.is_main else 0.0
+        asked = torch.tensor([float(over), float(bool(interruption)), own], device=self.policy.device)
+        over, interrupted, self.shared_elapsed = self.accelerator.reduce(asked, "sum").tolist()
         if interrupted:
             interruption.hear_of_others()
-        return over or interrupted
+        return bool(over or interrupted)
 
     def _samples_per_s(self) -> float | None:
         taken = self.step - self.first_step

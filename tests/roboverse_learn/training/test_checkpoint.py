@@ -19,6 +19,7 @@ from roboverse_learn.training.checkpoint import (
     moments,
     named,
     part,
+    remove_leftovers,
     save_checkpoint,
 )
 from tests.policies.examples import FEATURES, NARROW_CONFIGS, stats
@@ -113,6 +114,15 @@ def test_the_newest_step_counts_without_the_link(tmp_path):
         save_checkpoint(tmp_path, Weights(), state(step))
         (tmp_path / "checkpoints/last").unlink()
         assert last_checkpoint(tmp_path).name == str(step)
+
+
+def test_a_checkpoint_that_has_no_link_yet_is_the_last(tmp_path):
+    folder = tmp_path / "checkpoints"
+    save_checkpoint(tmp_path, Weights(), state(10))
+    shutil.copytree(folder / "000010", folder / "000020")  # killed before its link
+    assert last_checkpoint(tmp_path).name == "000020"
+    remove_leftovers(tmp_path)
+    assert (folder / "last").resolve().name == "000020"
 
 
 def test_saving_a_step_again_replaces_it(tmp_path):

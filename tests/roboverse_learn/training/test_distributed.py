@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -38,10 +39,11 @@ CONFIG = TrainConfig(
 )
 
 
-def run(folder: Path, reporter: Reporter | None = None, config: TrainConfig = CONFIG) -> None:
+def run(folder: Path, reporter: Reporter | None = None, config: TrainConfig = CONFIG) -> Any:
     data = SquareFrames()
     policy = policies.create("act", data.features, data.stats, POLICY)
     train(policy, data, config, folder, reporter=reporter)
+    return policy
 
 
 RANK = """
@@ -50,10 +52,20 @@ from tests.roboverse_learn.training.signals import SignalAt
 from tests.roboverse_learn.training.test_distributed import run
 run(Path(sys.argv[1]), SignalAt(int(sys.argv[2])) if len(sys.argv) > 2 else None)
 """
+TIMED_RANK = """
+import os
+from dataclasses import replace
+from pathlib import Path
+from safetensors.torch import save_file
+from tests.roboverse_learn.training.test_distributed import CONFIG, run
+timed = replace(CONFIG, steps=100_000, time_limit_s=1.5, save_every=100_000)
+policy = run(Path(sys.argv[1]), config=timed)
+save_file(policy.model.state_dict(), Path(sys.argv[1], f"weights_{os.environ['RANK']}.safetensors"))
+"""
 
 
-def ranks(folder: Path, signal_at: int | None = None) -> list[BaseProcess]:
-    """Trains in two processes with the environment that ``accelerate launch`` gives.
+def ranks(folder: Path, signal_at: int | None = None, program: str = RANK) -> list[BaseProcess]:
+    """Runs a program in two processes with the environment that ``accelerate launch`` gives.
 
     At the step ``signal_at`` only the first of them gets the signal.
     """
@@ -67,7 +79,7 @@ def ranks(folder: Path, signal_at: int | None = None) -> list[BaseProcess]:
         "ACCELERATE_USE_CPU": "true",
     }
     words = [str(folder)] if signal_at is None else [str(folder), str(signal_at)]
-    program = imported_process.FIND_TESTS + RANK
+    program = imported_process.FIND_TESTS + program
     return [
         imported_process.start(
             program, *words, folder=folder.parent, out=folder.parent / f"rank_{rank}.log",
@@ -79,6 +91,15 @@ def ranks(folder: Path, signal_at: int | None = None) -> list[BaseProcess]:
 
 def said_by_ranks(folder: Path) -> str:
     return "".join(log.read_text() for log in sorted(folder.glob("rank_*.log")))
+
+
+@pytest.mark.slow
+def test_two_processes_follow_one_clock(tmp_path):
+    both = ranks(tmp_path / "limited", program=TIMED_RANK)
+    assert imported_process.wait_for_all(both, 120) == [0, 0], said_by_ranks(tmp_path)
+    first, second = (load_file(tmp_path / f"limited/weights_{rank}.safetensors") for rank in "01")
+    assert all(first[key].equal(second[key]) for key in first), "one learning rate for both"
+    assert 4 < read_metrics(tmp_path / "limited")[-1]["step"] < 100_000
 
 
 @pytest.mark.slow

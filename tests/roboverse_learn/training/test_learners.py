@@ -79,6 +79,24 @@ def test_a_run_that_goes_on_from_a_checkpoint_of_another_policy_is_refused(tmp_p
         learner.check()
 
 
+def test_images_of_a_camera_that_is_not_seen_are_not_swapped():
+    words = ["train.augment.swap=0.5", "cameras=[front,wrist]"]
+    learner_of(compose("train", [*words, "train.augment.swap_camera=wrist"]), "cpu").check()
+    with pytest.raises(
+        UnknownNameError, match=r"train\.augment\.swap_camera 'frnt'\. Did you mean 'front'\?"
+    ):
+        learner_of(compose("train", [*words, "train.augment.swap_camera=frnt"]), "cpu").check()
+
+
+def test_a_run_of_one_task_mixes_none():
+    with pytest.raises(
+        ConfigError, match=r"train\.mixing=0\.5 weighs several tasks, and the run is of PickCube alone"
+    ):
+        learner_of(compose("train", ["policy=mtact", "train.mixing=0.5"]), "cpu").check()
+    with pytest.raises(ConfigError, match=r"train\.mixing must be from 0 to 1, given 1\.5"):
+        compose("train", ["policy=mtact", "train.mixing=1.5"])
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -7,7 +7,7 @@ from envs.core.errors import ConfigError, DatasetError
 from policies.learned_tasks import LearnedTask
 from roboverse_learn.data import DatasetInfo, DatasetWriter, ResidentDataset
 from roboverse_learn.data.dataset.mixture import Mixture
-from roboverse_learn.data.dataset.sampler import BalancedSampler, EpisodeAwareSampler, make_sampler
+from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler, MixtureSampler, make_sampler
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
 from tests.roboverse_learn.data.two_tasks import TEXTS, write
 
@@ -142,12 +142,34 @@ def test_each_task_is_sampled_equally_often(mixture):
     assert counts.max() - counts.min() == 0  # 70 samples of 10 frames: without replacement
 
 
-def test_a_restored_sampler_continues(mixture):
-    whole, first = (make_sampler(mixture, batch_size=5, seed=3) for _ in range(2))
+@pytest.mark.parametrize(
+    ("mixing", "of_left"),
+    [(0.0, [3, 4, 3, 4]), (0.5, [3, 2, 3, 2]), (1.0, [2, 1, 2, 2])],  # 3.5, 2.56 and 1.75 of 7
+)
+def test_a_tasks_share_of_a_batch_follows_its_frames(mixture, mixing, of_left):
+    sampler = make_sampler(mixture, batch_size=7, seed=0, mixing=mixing)
+    batches = [sampler.next_batch() for _ in range(400)]
+    found = [int((batch >= 30).sum()) for batch in batches]
+    assert found[:4] == of_left and {len(batch) for batch in batches} == {7}
+    share = 10**mixing / (10**mixing + 30**mixing)
+    assert abs(sum(found) - 400 * 7 * share) <= 1.0
+
+
+def test_tasks_with_less_than_a_frame_of_a_batch_are_refused(mixture):
+    with pytest.raises(
+        ConfigError, match=r"a share of 0\.75\. Give a larger batch, or train\.mixing nearer to 0"
+    ):
+        make_sampler(mixture, batch_size=3, seed=0, mixing=1.0)
+    make_sampler(mixture, batch_size=3, seed=0)
+
+
+@pytest.mark.parametrize("mixing", [0.0, 0.5])
+def test_a_restored_sampler_continues(mixture, mixing):
+    whole, first = (make_sampler(mixture, batch_size=5, seed=3, mixing=mixing) for _ in range(2))
     expected = [whole.next_batch() for _ in range(8)]
     for _ in range(4):
         first.next_batch()
-    second = make_sampler(mixture, batch_size=5, seed=3)
+    second = make_sampler(mixture, batch_size=5, seed=3, mixing=mixing)
     second.load_state_dict(first.state_dict())
     for batch in expected[4:]:
         np.testing.assert_array_equal(second.next_batch(), batch)
@@ -165,7 +187,7 @@ def test_processes_share_a_batch(mixture):
 
 def test_a_batch_has_a_frame_of_each_task(mixture):
     with pytest.raises(ConfigError, match=r"batch_size=1 must .* at least one frame of each of 2 tasks"):
-        BalancedSampler(mixture.info, mixture.groups, batch_size=1, seed=0)
+        MixtureSampler(mixture.info, mixture.groups, batch_size=1, seed=0)
 
 
 def test_a_dataset_without_groups_is_sampled_as_before(folders):

@@ -117,6 +117,15 @@ def test_every_state_is_continued_to_the_undisturbed_dataset(states, undisturbed
     assert committed == sorted(committed) and set(committed) == {2, 3}
 
 
+def test_statistics_are_of_all_episodes_also_where_no_further_one_came(states, tmp_path):
+    for state in states:
+        root = shutil.copytree(state, tmp_path / state.name)
+        with pytest.raises(KeyboardInterrupt), DatasetWriter(root, fps=FPS, features=FEATURES):
+            raise KeyboardInterrupt
+        info = DatasetInfo.open(root)
+        assert info.stats["action"]["count"].item() == info.num_frames, state.name
+
+
 def commit_together(root, indices):
     """Commits the episodes from the dataset's own number on, all at once."""
     with DatasetWriter(root, fps=FPS, features=FEATURES) as writer:
