@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 STEPS = (
     *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "level3", "new_looks"),
     *("nuts_diffusion", "ppo_rgb", "h1hand"),
-    *("generated", "corrections", "multi_task", "multi_task_long", "wording", "grasp", "grasp_vla"),
+    *("generated", "corrections", "multi_task", "wording", "grasp", "grasp_vla"),
     *("libero", "calvin", "axes"),
 )
 PYTHON = """#!{python}
