@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 _CHUNK_AND_FILE = re.compile(r"chunk-(\d+)/file-(\d+)\.(mp4|parquet)$")
 _RAW = re.compile(r"episode_(\d+)\.safetensors$")
 _OWN = re.compile(
-    r"meta/((info|stats|collection|import)\.json|tasks\.parquet|episodes/chunk-\d+/file-\d+\.parquet)"
+    r"meta/((info|stats|collection|import|augment)\.json|tasks\.parquet|episodes/chunk-\d+/file-\d+\.parquet)"
     r"|data/chunk-\d+/file-\d+\.parquet|videos/[^/]+/chunk-\d+/file-\d+\.mp4|raw/episode_\d+\.safetensors"
 )
 """Paths of the files of a dataset that is written here, below its folder."""
