@@ -4,7 +4,6 @@ A file is complete or absent, so a process that dies loses the episode that runs
 changed by writing the file again. Shapes: T = control steps, A = size of the task's action.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -18,7 +17,7 @@ from envs.core.errors import DatasetError
 from envs.spec import EnvSpec
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.damage import broken_file
-from roboverse_learn.data.dataset.staging import read_tensors, write_tensors
+from roboverse_learn.data.dataset.staging import read_header, read_tensors, write_tensors
 from roboverse_learn.folder_lock import lock_directory
 
 SUFFIX = ".teleop.safetensors"
@@ -113,13 +112,7 @@ def read_facts(path: Path) -> dict[str, Any]:
     Raises:
         DatasetError: The file is damaged, or no recording.
     """
-    from safetensors import SafetensorError, safe_open
-
-    try:
-        with safe_open(path, framework="numpy") as file:
-            facts = json.loads((file.metadata() or {}).get("roboverse", "{}"))
-    except (SafetensorError, OSError, ValueError) as error:
-        raise broken_file(path, str(error)) from error
+    facts = read_header(path)
     if not {"mark", "episode", "scene"} <= facts.keys():
         raise broken_file(path, "it is no recording of teleoperation")
     return facts

@@ -10,7 +10,7 @@ import numpy as np
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.schema import RAW_PATH, video_keys
-from roboverse_learn.data.dataset.staging import check_tensors, read_tensors
+from roboverse_learn.data.dataset.staging import read_header, read_tensors
 from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import check_there
 
@@ -40,7 +40,7 @@ def check_raw(root: str | Path, episode: int) -> None:
     Raises:
         DatasetError: as :func:`read_raw`.
     """
-    check_tensors(_raw_file(root, episode))
+    read_header(_raw_file(root, episode))
 
 
 def _raw_file(root: str | Path, episode: int) -> Path:

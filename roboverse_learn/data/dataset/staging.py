@@ -159,14 +159,14 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         return {name: file.get_tensor(name) for name in file.keys()}, _header(file)  # noqa: SIM118
 
 
-def check_tensors(path: Path) -> None:
-    """Checks the header of what :func:`write_tensors` wrote, and that the file is as long as it says.
+def read_header(path: Path) -> dict[str, Any]:
+    """Reads the metadata of what :func:`write_tensors` wrote, and checks that the file is as long as it says.
 
     Raises:
         DatasetError: The file is absent or damaged.
     """
     with _opened(path) as file:
-        _header(file)
+        return _header(file)
 
 
 @contextlib.contextmanager
