@@ -1,4 +1,4 @@
-"""Progress of a long stage: a bar in a terminal, and a line every 15 s in a log, a file or a pipe."""
+"""Progress of a long stage: a bar in a terminal; elsewhere a line every 15 s and one at the end."""
 
 import logging
 import threading
@@ -94,11 +94,16 @@ class StageProgress:
         self._ended.set()
         self._bar.stop()
         self._speaker.join()
+        if self._description:  # a short stage has no other line
+            self._log_line()
 
     def _speak(self) -> None:
         while not self._ended.wait(self._interval_s):
-            elapsed = clock(time.monotonic() - self._started)
-            log.log(self._level, "%s %s, %s elapsed", self._stage, self._description or "starts", elapsed)
+            self._log_line()
+
+    def _log_line(self) -> None:
+        elapsed = clock(time.monotonic() - self._started)
+        log.log(self._level, "%s %s, %s elapsed", self._stage, self._description or "starts", elapsed)
 
 
 def clock(seconds: float) -> str:

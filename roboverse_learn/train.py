@@ -61,11 +61,12 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
     from roboverse_learn.commands.run_folder import RunFolder
-    from roboverse_learn.config.preflight import check_installed, check_materials, check_scenario_files
+    from roboverse_learn.config.preflight import check_installed
     from roboverse_learn.training.device import resolve_device
     from roboverse_learn.training.learners import learner_of
     from roboverse_learn.training.metrics import check_wandb
 
+    _check_several_processes(config)
     device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
     given = given_dataset(config) if learns_from_given(config) else None
@@ -76,11 +77,7 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     check_installed(config.env)
     learner = learner_of(config, device)
     learner.check()
-    materials = {"materials": config.env.materials} if from_dataset else {}
-    materials["evaluate.materials"] = config.evaluate.materials
-    for each in materials.values():
-        check_materials(each)
-    check_scenario_files(config.env, materials)
+    _check_looks(config)
     if few := learner.too_few_steps():
         log.warning("%s", few)
     refuse_long_run(learner)
@@ -114,6 +111,18 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
         stages=stages,
         seconds=time.monotonic() - started,
     )
+
+
+def _check_looks(config: TrainRunConfig) -> None:
+    """Finds the materials and files that the scenes of training and evaluation name."""
+    from roboverse_learn.config.preflight import check_materials, check_scenario_files
+
+    materials = {"evaluate.materials": config.evaluate.materials}
+    if policies.learns_from(config.policy_name) == "dataset":
+        materials = {"materials": config.env.materials, **materials}
+    for each in materials.values():
+        check_materials(each)
+    check_scenario_files(config.env, materials)
 
 
 def refuse_long_run(learner: "Learner") -> None:
@@ -229,6 +238,19 @@ def _train(
     finally:
         if isinstance(reporter, ProgressReporter):
             reporter.close()
+
+
+def _check_several_processes(config: TrainRunConfig) -> None:
+    """Checks that all processes of ``accelerate launch`` name the same folder.
+
+    Raises:
+        ConfigError: They are to name the first one that is free, which the first of them takes.
+    """
+    if int(os.environ.get("WORLD_SIZE", "1")) > 1 and not config.resume and not config.run:
+        raise ConfigError(
+            "resume=false begins a run in a new folder, and each process of accelerate launch would choose "
+            "its own. Name a new folder for all of them: add run=<folder>."
+        )
 
 
 def _train_along(config: TrainRunConfig, device: str) -> None:

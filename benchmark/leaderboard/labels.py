@@ -137,12 +137,13 @@ def _signed(numbers: str) -> str:
 
 
 def trained_on(row: Mapping[str, Any]) -> str:
-    """Returns what a run was trained on: ``level 0 · 1,000 demos · 10k steps``."""
+    """Returns what a run was trained on: ``level 0 · 1,000 demos · 10k steps · recipe act_v1``."""
     if row["train_level"] is None and not row["train_only"]:
         return "nothing"
     where = f"{row['train_only']} alone" if row["train_only"] else f"level {row['train_level']}"
     sizes = {"demonstrations": row["demonstrations"], "steps": row["training_steps"]}
-    return " · ".join(filter(None, [where, budget({**sizes, "time_s": row["training_time_s"]})]))
+    trained = budget({**sizes, "time_s": row["training_time_s"]})
+    return " · ".join(filter(None, [where, trained, row["recipe"] and f"recipe {row['recipe']}"]))
 
 
 def markdown(value: Any) -> Any:

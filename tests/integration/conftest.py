@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from roboverse_learn import cli, progress
+from roboverse_learn import cli
 from tests.integration.main_run import TINY, MainRun
 
 
@@ -14,7 +14,6 @@ def main_run(tmp_path_factory: pytest.TempPathFactory) -> MainRun:
     folder = tmp_path_factory.mktemp("loop")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(progress, "INTERVAL_S", 0.02)  # its stages take a second or two
         assert cli.main(["train", *TINY]) == 0
     return MainRun.at(folder)
 

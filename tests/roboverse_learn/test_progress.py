@@ -37,6 +37,22 @@ def test_lines_come_before_the_first_update(caplog: pytest.LogCaptureFixture) ->
     assert caplog.messages[0] == "collecting starts, 0:00 elapsed"
 
 
+def test_a_stage_that_ends_before_its_first_line_has_one_at_its_end(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    with StageProgress("collecting", Console(file=StringIO()), interval_s=3600.0) as progress:
+        progress.update(0, 4)
+        progress.update(4, 4, "71 frames/s")
+    (line,) = caplog.messages
+    assert line.startswith("collecting 4/4 (100 %), 71 frames/s, 0:00 left, ")
+
+
+def test_a_stage_without_an_update_ends_without_a_line(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    with StageProgress("collecting", Console(file=StringIO()), interval_s=3600.0):
+        pass
+    assert not caplog.messages
+
+
 def test_a_terminal_has_a_bar_and_the_log_the_lines(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG, "roboverse_learn.progress")
     console = Console(file=StringIO(), force_terminal=True, width=120)

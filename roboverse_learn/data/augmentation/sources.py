@@ -130,7 +130,9 @@ def _check_origin(root: str | Path, task: Task, recordings: list[Recording]) -> 
         if robot.name not in states.robots or (
             states.robots[robot.name].joint_pos.shape[1] != len(robot.joint_names)
         ):
+            theirs = next(iter(states.robots))
             raise ConfigError(
-                f"from={root} holds demonstrations of robot {', '.join(states.robots)}, and {task.name} has "
-                f"'{robot.name}' with {len(robot.joint_names)} joints. Collect them with that robot."
+                f"from={root} holds demonstrations of robot '{theirs}', and {task.name} has '{robot.name}' "
+                f"with {len(robot.joint_names)} joints. Add robot={theirs}, or make demonstrations of "
+                f"'{robot.name}' of them first, by roboverse collect source=retarget."
             )

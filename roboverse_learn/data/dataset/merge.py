@@ -114,11 +114,32 @@ def _check_source(info: DatasetInfo, first: DatasetInfo) -> None:
             f"The dataset '{info.root}' holds episodes without a pool index (metadata 'episode'), so their "
             "order is undefined. Merge it with LeRobot's aggregate_datasets."
         )
-    if not same_layout(_required(info), _required(first)) or info.fps != first.fps:
+    if difference := _difference(first, info):
         raise DatasetError(
-            f"The datasets '{first.root}' and '{info.root}' differ in features or fps. Merge only datasets "
-            "of the same robot, cameras and image size."
+            f"The datasets '{first.root}' and '{info.root}' have {difference}. Merge only datasets of the "
+            "same robot, cameras and image size."
         )
+
+
+def _difference(first: DatasetInfo, info: DatasetInfo) -> str:
+    """Returns what keeps two datasets from being one, in words; empty where nothing does."""
+    if info.fps != first.fps:
+        return f"{first.fps} and {info.fps} fps"
+    ours, theirs = _required(first), _required(info)
+    for key in (key for key in {**ours, **theirs} if key not in BOOKKEEPING):
+        one, other = ours.get(key), theirs.get(key)
+        if one is None or other is None:
+            return f"{key} in the {'second' if one is None else 'first'} alone"
+        if tuple(one["shape"]) != tuple(other["shape"]):
+            return f"{key} of shape {tuple(one['shape'])} and {tuple(other['shape'])}"
+        if not same_layout({key: one}, {key: other}):
+            return f"{key} of {_kind(one)} and {_kind(other)}"
+    return ""
+
+
+def _kind(feature: Feature) -> str:
+    names = feature.get("names")
+    return f"{feature['dtype']} {names}" if isinstance(names, list) else str(feature["dtype"])
 
 
 def _check_files(info: DatasetInfo) -> None:

@@ -70,6 +70,17 @@ def test_a_row_of_the_table(tested, tmp_path):
     assert row["scores"]["wrong"]["difference"] == 0.0 and row["scores"]["new_words"]["test_rate"] == 0.0
 
 
+@pytest.mark.slow
+def test_runs_of_two_recipes_are_told_apart(make_result, tmp_path):
+    for name in ("first_v1", "second_v1"):
+        result = make_result(protocol=TESTED, run=name, recipe=name)
+        write_result(result_path(tmp_path, result), result)
+    written = leaderboard.write(tmp_path)
+    for kind in ("markdown", "html"):
+        text = written[f"instructions {kind}"].read_text()
+        assert " · recipe first_v1" in text and " · recipe second_v1" in text
+
+
 def test_points_have_a_sign_and_no_negative_zero():
     score = {"difference": -0.004, "ci_low": -0.121, "ci_high": 0.1}
     assert (difference(score), difference_interval(score)) == ("+0", "−12 to 10")

@@ -58,6 +58,20 @@ def test_a_run_that_is_short_or_wanted_or_on_a_gpu_is_not_refused() -> None:
     command.refuse_long_run(Timed(None, "train.time_limit_s=60"))
 
 
+def test_processes_that_would_choose_a_folder_each_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    for rank in ("0", "1"):
+        monkeypatch.setenv("RANK", rank)
+        with pytest.raises(
+            ConfigError, match=r"resume=false begins a run in a new folder, .* add run=<folder>"
+        ):
+            command.train_run(compose("train", ["preset=quick", "resume=false"]))
+    assert not any(tmp_path.iterdir())
+
+
 def test_missing_login_is_refused_before_anything_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

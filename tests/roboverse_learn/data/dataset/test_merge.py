@@ -1,3 +1,4 @@
+from dataclasses import replace
 from unittest import mock
 
 import numpy as np
@@ -75,6 +76,34 @@ def test_a_killed_merge_is_completed(tmp_path, monkeypatch):
     merge(parts, tmp_path / "merged")
     whole = write(tmp_path / "whole", range(4))
     assert dataset_hash(tmp_path / "merged") == dataset_hash(whole)
+
+
+CAMERA = "observation.images.front"
+
+
+@pytest.mark.parametrize(
+    ("fps", "changed", "said"),
+    [
+        (30, {}, "20 and 30 fps"),
+        (20, {CAMERA: None}, f"{CAMERA} in the first alone"),
+        (20, {"more": {"dtype": "float32", "shape": (1,), "names": None}}, "more in the second alone"),
+        (20, {CAMERA: {"shape": (3, 9, 9)}}, rf"{CAMERA} of shape \(.*\) and \(3, 9, 9\)"),
+        (20, {"action": {"names": ["elbow"]}}, r"action of float32 \[.*\] and float32 \['elbow'\]"),
+    ],
+)
+def test_datasets_that_differ_are_refused_and_what_differs_is_named(
+    fps, changed, said, monkeypatch, tmp_path
+):
+    first, other = (DatasetInfo.open(write(tmp_path / name, [k])) for k, name in enumerate(("a", "b")))
+    features = {key: dict(value) for key, value in FEATURES.items()}
+    for key, change in changed.items():
+        features[key] = None if change is None else features.get(key, {}) | change
+    features = {key: feature for key, feature in features.items() if feature is not None}
+    other = replace(other, fps=fps, features=features)
+    monkeypatch.setattr(DatasetInfo, "open", {first.root: first, other.root: other}.get)
+    with pytest.raises(DatasetError, match=rf"'{first.root}' and '{other.root}' have {said}\. Merge only"):
+        merge([first.root, other.root], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
 
 
 @pytest.mark.parametrize("kept", [None, 0, 0.5])

@@ -85,6 +85,10 @@ def test_source_datasets_that_will_not_do_say_why(demos, tmp_path):
         read_sources(demos, PickCube(), AugmentConfig(least_steps=500))
     with pytest.raises(ConfigError, match="has no extra, which PickCube has with these options"):
         read_sources(demos, _PickTwo(), AugmentConfig())
+    with pytest.raises(
+        ConfigError, match=r"of robot 'franka', and PickCube has 'ur5e' with .* Add robot=franka, or"
+    ):
+        read_sources(demos, config(demos, "robot=ur5e").env.make_task(), AugmentConfig())
 
 
 class _PickTwo(PickCube):
