@@ -98,8 +98,8 @@ def check_images(config: Any, image_size: int, *, expert_starts: float = 0.0) ->
         expert_starts: As in :func:`check_env`.
 
     Raises:
-        ConfigError: if the task has no reward or no camera, or the requested images have another size or
-            level or are not square; and as :func:`check_env`.
+        ConfigError: if the task has no camera, or the requested images have another size or are not square;
+            and as :func:`check_env`.
         UnknownNameError: if the task has no camera of a name.
     """
     from envs.pixel_env import watched
@@ -110,12 +110,6 @@ def check_images(config: Any, image_size: int, *, expert_starts: float = 0.0) ->
             f"policy={config.policy_name} takes images of {image_size} pixels a side, given image_size="
             f"{config.env.image_size}. Add image_size={image_size}, or learn from states with "
             "policy.observation=state."
-        )
-    if config.env.level or config.env.only:
-        given = f"only={config.env.only}" if config.env.only else f"level={config.env.level}"
-        raise ConfigError(
-            f"policy={config.policy_name} learns from images of level 0, given {given}. Leave it out; the "
-            "other levels can be evaluated, as in evaluate.levels=[0,1,2,3]."
         )
     scene = config.env.make_task().scenario
     for camera in watched(config.env.task, scene, config.env.cameras, image_size).cameras:
@@ -134,8 +128,15 @@ def check_env(config: Any, *, expert_starts: float = 0.0) -> None:
         expert_starts: Share of the episodes that are to begin on the way of the task's expert.
 
     Raises:
-        ConfigError: if one has no reward, or has no expert and needs one.
+        ConfigError: if scenes are to vary as above level 0, which these environments do not do, or a task has
+            no reward, or has no expert and needs one.
     """
+    if varied := [key for key in ("only", "level", "materials") if getattr(config.env, key)]:
+        raise ConfigError(
+            f"policy={config.policy_name} learns at level 0, with the built-in materials, given "
+            f"{varied[0]}={getattr(config.env, varied[0])}. Leave it out; the other levels can be evaluated, "
+            "as in evaluate.levels=[0,1,2,3]."
+        )
     for name in config.tasks:
         if not config.env.replace(task=name).make_task().has_reward:
             raise ConfigError(

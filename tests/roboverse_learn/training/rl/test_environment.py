@@ -22,6 +22,16 @@ def test_a_task_without_reward_is_refused(policy, monkeypatch, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("policy", ["ppo", "tdmpc2", "fasttd3"])
+@pytest.mark.parametrize("word", ["level=3", "only=robot"])
+def test_scenes_that_are_to_vary_in_training_are_refused(policy, word):
+    config = compose("train", [f"policy={policy}", "task=PickCube", word])
+    with pytest.raises(
+        ConfigError, match=rf"policy={policy} learns at level 0, .* given {word}\. Leave it out"
+    ):
+        learner_of(config, "cpu").check()
+
+
 def refused(words, tmp_path, monkeypatch, capsys):
     """Returns what a command says that must fail and leave nothing behind."""
     monkeypatch.chdir(tmp_path)

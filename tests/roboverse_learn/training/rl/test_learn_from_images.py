@@ -119,8 +119,8 @@ def test_it_is_evaluated_with_the_cameras_of_its_training(tmp_path, monkeypatch)
             ConfigError,
             r"images of 64 pixels a side, given image_size=128.*image_size=64",
         ),
-        (["level=2"], ConfigError, r"images of level 0, given level=2.*evaluate.levels"),
-        (["only=camera"], ConfigError, r"images of level 0, given only=camera"),
+        (["level=2"], ConfigError, r"learns at level 0, .*given level=2.*evaluate.levels"),
+        (["only=camera"], ConfigError, r"learns at level 0, .*given only=camera"),
         (["cameras=[top]"], UnknownNameError, r"camera 'top'.*front, rail"),
     ],
 )
