@@ -1,9 +1,22 @@
 """Images that are rendered when they are first read."""
 
-from collections.abc import Callable, Iterable, Mapping
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
+
+
+def _rendered(name: str) -> Any:
+    """Returns the method of a dict that renders the images before it reads or changes them."""
+    method = getattr(dict, name)
+
+    @functools.wraps(method)
+    def read(self: "LazyPixels", *args: Any, **kwargs: Any) -> Any:
+        self._materialize()
+        return method(self, *args, **kwargs)
+
+    return read
 
 
 class LazyPixels(dict):
@@ -42,25 +55,21 @@ class LazyPixels(dict):
             self._materialize()
         return super().get(camera, default)
 
-    def values(self):
-        """Returns the images."""
-        self._materialize()
-        return super().values()
+    values, items = _rendered("values"), _rendered("items")
+    pop, popitem, clear = _rendered("pop"), _rendered("popitem"), _rendered("clear")
+    setdefault, update = _rendered("setdefault"), _rendered("update")
+    __setitem__, __delitem__ = _rendered("__setitem__"), _rendered("__delitem__")
+    __or__, __ror__, __ior__ = _rendered("__or__"), _rendered("__ror__"), _rendered("__ior__")
+    __eq__, __ne__, __repr__ = _rendered("__eq__"), _rendered("__ne__"), _rendered("__repr__")
+    __hash__ = None  # type: ignore[assignment]
 
-    def items(self):
-        """Returns cameras and images."""
-        self._materialize()
-        return super().items()
+    def __iter__(self) -> Iterator[str]:
+        """Iterates over cameras. With it ``dict(...)`` and ``**`` read images by :meth:`__getitem__`."""
+        return super().__iter__()
 
     def copy(self) -> dict[str, np.ndarray]:
         """Returns a plain dict."""
         return dict(self.items())
-
-    def __eq__(self, other: object) -> bool:
-        self._materialize()
-        return super().__eq__(other)
-
-    __hash__ = None  # type: ignore[assignment]
 
     def __deepcopy__(self, memo: dict) -> "LazyPixels":
         """Returns a rendered copy of the same type, which Gymnasium's checker compares."""

@@ -56,8 +56,9 @@ def test_names_are_known_without_drawing(lazy, look):
         copy.copy,
         copy.deepcopy,
         pickle.dumps,
+        repr,
     ],
-    ids=["item", "get", "values", "items", "copy", "dict", "copy.copy", "deepcopy", "pickle"],
+    ids=["item", "get", "values", "items", "copy", "dict", "copy.copy", "deepcopy", "pickle", "repr"],
 )
 def test_first_access_renders_all_once(lazy, look):
     pixels, draw = lazy
@@ -66,6 +67,42 @@ def test_first_access_renders_all_once(lazy, look):
     assert pixels.drawn
     assert draw.calls == 1
     np.testing.assert_array_equal(pixels["wrist"], IMAGES["wrist"])
+
+
+def take(**images):
+    return images
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        dict,
+        lambda p: {**p},
+        lambda p: take(**p),
+        lambda p: p | {},
+        lambda p: {} | p,
+        lambda p: {camera: p.pop(camera) for camera in list(p)},
+        lambda p: {camera: p.setdefault(camera, 0) for camera in p},
+    ],
+    ids=["dict", "**", "call", "or", "of another", "pop", "setdefault"],
+)
+def test_what_is_made_of_it_has_its_images(lazy, read):
+    made = read(lazy[0])
+    assert list(made) == list(IMAGES)
+    for camera, image in IMAGES.items():
+        np.testing.assert_array_equal(made[camera], image)
+
+
+@pytest.mark.parametrize("change", [lambda p: p.update(front=7), lambda p: p.__setitem__("front", 7)])
+def test_an_image_that_is_replaced_before_the_first_access_stays_replaced(lazy, change):
+    pixels, _ = lazy
+    change(pixels)
+    assert pixels["front"] == 7
+    np.testing.assert_array_equal(pixels["wrist"], IMAGES["wrist"])
+
+
+def test_its_text_has_the_images(lazy):
+    assert repr(lazy[0]) == repr(IMAGES)
 
 
 def test_a_camera_that_is_not_there_is_an_ordinary_mistake(lazy):
@@ -99,6 +136,7 @@ def test_comparison_renders_and_compares():
     pixels = LazyPixels(["front"], lambda: {"front": 3})
     assert pixels == {"front": 3}
     assert pixels != {"front": 4}
+    assert not LazyPixels(["front"], lambda: {"front": 3}) != {"front": 3}  # noqa: SIM202
 
 
 def test_it_cannot_be_hashed(lazy):
