@@ -15,7 +15,7 @@ from roboverse_learn.data.dataset.schema import (
     COLLECTION_PATH,
     OPTIONAL_KEYS,
     Feature,
-    same_layout,
+    layout_difference,
     video_keys,
 )
 from roboverse_learn.data.dataset.staging import StagedEpisode
@@ -125,21 +125,7 @@ def _difference(first: DatasetInfo, info: DatasetInfo) -> str:
     """Returns what keeps two datasets from being one, in words; empty where nothing does."""
     if info.fps != first.fps:
         return f"{first.fps} and {info.fps} fps"
-    ours, theirs = _required(first), _required(info)
-    for key in (key for key in {**ours, **theirs} if key not in BOOKKEEPING):
-        one, other = ours.get(key), theirs.get(key)
-        if one is None or other is None:
-            return f"{key} in the {'second' if one is None else 'first'} alone"
-        if tuple(one["shape"]) != tuple(other["shape"]):
-            return f"{key} of shape {tuple(one['shape'])} and {tuple(other['shape'])}"
-        if not same_layout({key: one}, {key: other}):
-            return f"{key} of {_kind(one)} and {_kind(other)}"
-    return ""
-
-
-def _kind(feature: Feature) -> str:
-    names = feature.get("names")
-    return f"{feature['dtype']} {names}" if isinstance(names, list) else str(feature["dtype"])
+    return layout_difference(_required(first), _required(info))
 
 
 def _check_files(info: DatasetInfo) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from roboverse_learn.data.dataset import stats as statistics
 from roboverse_learn.data.dataset.info import METADATA_COLUMN
-from roboverse_learn.data.dataset.schema import BOOKKEEPING, FILES_PER_CHUNK, Feature, chunk_and_file
+from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, Feature, chunk_and_file
 from roboverse_learn.data.dataset.staging import StagedEpisode
 
 if TYPE_CHECKING:
@@ -100,8 +100,3 @@ def tasks_bytes(tasks: list[str]) -> bytes:
     buffer = io.BytesIO()
     frame.to_parquet(buffer)
     return buffer.getvalue()
-
-
-def layout_words(features: Mapping[str, Feature]) -> str:
-    """Returns features as words for a message."""
-    return ", ".join(f"{k}{tuple(f['shape'])}" for k, f in features.items() if k not in BOOKKEEPING)

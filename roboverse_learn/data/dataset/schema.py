@@ -147,14 +147,25 @@ def with_bookkeeping(features: Mapping[str, Feature]) -> dict[str, Feature]:
     return {**{key: dict(feature) for key, feature in features.items()}, **bookkeeping}
 
 
-def same_layout(features: Mapping[str, Feature], other: Mapping[str, Feature]) -> bool:
-    """Whether two datasets hold the same columns; how their videos were encoded does not matter."""
+def layout_difference(first: Mapping[str, Feature], other: Mapping[str, Feature]) -> str:
+    """Returns the first difference of two datasets' columns in words; empty if they hold the same ones.
 
-    def layout(feature: Feature) -> tuple[Any, ...]:
-        return feature["dtype"], tuple(feature["shape"]), json.dumps(feature.get("names"))
+    How their videos were encoded does not matter.
+    """
+    for key in (key for key in {**first, **other} if key not in BOOKKEEPING):
+        one, another = first.get(key), other.get(key)
+        if one is None or another is None:
+            return f"{key} in the {'second' if one is None else 'first'} alone"
+        if tuple(one["shape"]) != tuple(another["shape"]):
+            return f"{key} of shape {tuple(one['shape'])} and {tuple(another['shape'])}"
+        if _kind(one) != _kind(another):
+            return f"{key} of {_kind(one)} and {_kind(another)}"
+    return ""
 
-    first = {key: layout(feature) for key, feature in features.items() if key not in BOOKKEEPING}
-    return first == {key: layout(feature) for key, feature in other.items() if key not in BOOKKEEPING}
+
+def _kind(feature: Feature) -> str:
+    names = feature.get("names")
+    return f"{feature['dtype']} {json.dumps(names)}" if names else str(feature["dtype"])
 
 
 def video_keys(features: Mapping[str, Feature]) -> list[str]:

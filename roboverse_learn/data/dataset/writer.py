@@ -41,7 +41,6 @@ from roboverse_learn.data.dataset.info import read_tasks as read_task_names
 from roboverse_learn.data.dataset.meta_tables import (
     episode_row,
     episode_stats,
-    layout_words,
     num_files,
     row_stats,
     row_table,
@@ -63,7 +62,7 @@ from roboverse_learn.data.dataset.schema import (
     Feature,
     check_episode,
     chunk_and_file,
-    same_layout,
+    layout_difference,
     video_keys,
     with_bookkeeping,
 )
@@ -247,24 +246,24 @@ class DatasetWriter:
         if self._lock is None:
             raise DatasetError(f"The writer of '{self.root}' is closed. Open a new DatasetWriter.")
 
-    def _fits(self) -> bool:
-        """Whether the dataset on disk has the features and the frame rate that were given."""
+    def _difference(self) -> str:
+        """Returns how the dataset on disk differs from what was given, in words; empty if it does not."""
         info = read_info(self.root)
-        return same_layout(info["features"], self.features) and info["fps"] == self.fps
+        if info["fps"] != self.fps:
+            return f"{info['fps']} and {self.fps} fps"
+        return layout_difference(info["features"], self.features)
 
     def _open(self) -> None:
         """Reads the committed state from the disk, after repairing what a kill left behind."""
-        if not (self.root / INFO_PATH).exists() or (not self._fits() and self.is_empty):
+        if not (self.root / INFO_PATH).exists() or (self._difference() and self.is_empty):
             self._num_episodes = self._num_frames = 0
             self._tasks: list[str] = []
             self._stats: statistics.Stats | None = None
             write_json(self.root / INFO_PATH, self._info())
-        if not self._fits():
-            info = read_info(self.root)
+        if difference := self._difference():
             raise DatasetError(
-                f"The dataset '{self.root}' has {info['fps']} fps and the features "
-                f"{layout_words(info['features'])}; given were {self.fps} fps and "
-                f"{layout_words(self.features)}. Choose another folder, or delete this one."
+                f"The dataset '{self.root}' and the episodes to be added have {difference}. Choose another "
+                "folder, or delete this one."
             )
         counted = read_info(self.root)["total_episodes"]
         repair(self.root)

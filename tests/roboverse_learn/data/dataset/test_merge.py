@@ -88,7 +88,7 @@ CAMERA = "observation.images.front"
         (20, {CAMERA: None}, f"{CAMERA} in the first alone"),
         (20, {"more": {"dtype": "float32", "shape": (1,), "names": None}}, "more in the second alone"),
         (20, {CAMERA: {"shape": (3, 9, 9)}}, rf"{CAMERA} of shape \(.*\) and \(3, 9, 9\)"),
-        (20, {"action": {"names": ["elbow"]}}, r"action of float32 \[.*\] and float32 \['elbow'\]"),
+        (20, {"action": {"names": ["elbow"]}}, r'action of float32 \[.*\] and float32 \["elbow"\]'),
     ],
 )
 def test_datasets_that_differ_are_refused_and_what_differs_is_named(

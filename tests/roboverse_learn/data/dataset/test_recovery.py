@@ -201,7 +201,7 @@ def test_a_dataset_whose_episodes_are_no_longer_listed_is_kept(tmp_path, lost):
 
 def test_a_writer_that_could_not_open_gives_the_lock_back(tmp_path):
     root = write(tmp_path / "d", range(1))
-    with pytest.raises(DatasetError, match="given were 7 fps"):
+    with pytest.raises(DatasetError, match=f"{FPS} and 7 fps"):
         DatasetWriter(root, fps=7, features=FEATURES)
     DatasetWriter(root, fps=FPS, features=FEATURES).close()
 

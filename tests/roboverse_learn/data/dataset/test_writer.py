@@ -113,10 +113,17 @@ def test_a_second_writer_is_refused(tmp_path):
         DatasetWriter(tmp_path / "d", fps=FPS, features=FEATURES)
 
 
-def test_other_features_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("fps", "features", "said"),
+    [
+        (FPS, TWO_CAMERAS, r"observation\.state of shape \(3,\) and \(1,\)"),
+        (30, FEATURES, f"{FPS} and 30 fps"),
+    ],
+)
+def test_another_layout_is_refused_and_what_differs_is_named(fps, features, said, tmp_path):
     write(tmp_path / "d", [0])
-    with pytest.raises(DatasetError, match=r"has 20 fps and the features .*given were 20 fps and"):
-        DatasetWriter(tmp_path / "d", fps=FPS, features=TWO_CAMERAS)
+    with pytest.raises(DatasetError, match=rf"d' and the episodes to be added have {said}\. Choose another"):
+        DatasetWriter(tmp_path / "d", fps=fps, features=features)
 
 
 @pytest.mark.parametrize(
