@@ -91,7 +91,9 @@ def dataset(words: Sequence[str]) -> DatasetReport:
         merged = parse("roboverse dataset merge", MergeConfig, rest)
         if not merged.from_ or not merged.out:
             raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
-        info, note = merge(merged.from_, merged.out), _left_out(merged.from_)
+        before = _num_episodes(merged.out)
+        info = merge(merged.from_, merged.out)
+        note = _added(sum(map(_num_episodes, merged.from_)), before, info.num_episodes)
     elif action == "get":
         wanted = parse("roboverse dataset get", GetConfig, rest)
         folder = Path(wanted.out or f"datasets/{wanted.from_}")
@@ -130,14 +132,19 @@ def _is_folder(word: str) -> bool:
     return Path(word).is_dir() or not ("=" in word or word.startswith("-"))
 
 
-def _left_out(parts: Sequence[str]) -> str:
-    """Says how many episodes of the parts are not in what was merged of them; empty where all are."""
-    from roboverse_learn.data.dataset.info import DatasetInfo, episode_key
+def _num_episodes(folder: str) -> int:
+    """Returns how many episodes a folder holds; 0 if there is no dataset."""
+    from roboverse_learn.data.dataset.info import read_info
+    from roboverse_learn.data.dataset.schema import INFO_PATH
 
-    keys = [episode_key(metadata) for part in parts for metadata in DatasetInfo.open(part).episode_metadata]
-    again = len(keys) - len(set(keys))
-    if not again:
-        return ""
-    return (
-        f"\nleft out: {again} of the {len(keys)} episodes given, which are there already: each is kept once"
-    )
+    return int(read_info(Path(folder))["total_episodes"]) if (Path(folder) / INFO_PATH).exists() else 0
+
+
+def _added(given: int, before: int, after: int) -> str:
+    """Says how many episodes were appended to a dataset, and how many it had; empty for a new one of all."""
+    added = after - before
+    note = f"\nadded: {added} episodes to the {before} that were there" if before else ""
+    if added < given:
+        again = f"{given - added} of the {given} episodes given"
+        note += f"\nleft out: {again}, which are there already: each is kept once"
+    return note

@@ -91,15 +91,6 @@ def plan(words: Sequence[str]) -> Sweep:
 def _checked(config: SweepConfig, runs: tuple[tuple[tuple[str, ...], TrainRunConfig], ...]) -> Sweep:
     if not runs:
         raise ConfigError("The sweep has no run: a key was given without a value. Give each at least one.")
-    of_folder: dict[Path, tuple[str, ...]] = {}
-    for words, run in runs:
-        other = of_folder.setdefault(default_folder(run), words)
-        if other is not words:
-            keys = ", ".join(word.partition("=")[0] for word in words if word not in other)
-            raise ConfigError(
-                f"'{' '.join(other)}' and '{' '.join(words)}' learn the same, so they would share a folder. "
-                f"Give {keys} one value; roboverse evaluate evaluates a checkpoint in further ways."
-            )
     return Sweep(config, runs)
 
 
@@ -166,12 +157,17 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
     """Returns the processes that are still to do, and the folders of complete runs.
 
     A collection comes just before the first training that needs it, so that an interruption leaves runs.
+
+    Raises:
+        ConfigError: Two runs would share a folder.
     """
     collections: dict[Path, Job] = {}
     jobs: list[Job] = []
     complete = []
+    of_folder: dict[Path, tuple[str, ...]] = {}
     for words, config in the_sweep.runs:
         folder = default_folder(config)
+        _check_is_another(words, of_folder.setdefault(folder, words))
         if _is_complete(folder, config):
             complete.append(folder)
             continue
@@ -186,6 +182,16 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
         name = f"train-{config.env.task}-{config.policy_name}-{folder.name}".replace("/", "-")
         jobs.append(Job(name, ("train", *words), after))
     return jobs, complete
+
+
+def _check_is_another(words: tuple[str, ...], first: tuple[str, ...]) -> None:
+    """Checks that a run is the first of its folder."""
+    if words is not first:
+        keys = ", ".join(word.partition("=")[0] for word in words if word not in first)
+        raise ConfigError(
+            f"'{' '.join(first)}' and '{' '.join(words)}' learn the same, so they would share a folder. "
+            f"Give {keys} one value; roboverse evaluate evaluates a checkpoint in further ways."
+        )
 
 
 def table(the_sweep: Sweep) -> str:

@@ -93,7 +93,7 @@ class TestWords:
     )
     def test_what_gives_no_run_or_one_folder_for_several_is_refused(self, words, said):
         with pytest.raises(ConfigError, match=said):
-            plan(words)
+            make_jobs(plan(words))
 
     def test_no_run_at_a_time_is_no_sweep(self):
         with pytest.raises(ConfigError, match="jobs_per_gpu"):

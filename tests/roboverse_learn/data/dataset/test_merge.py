@@ -214,7 +214,16 @@ def test_the_command_says_how_many_episodes_were_left_out(tmp_path, capsys):
     parts = [write(tmp_path / "a", [0, 1, 2]), write(tmp_path / "b", [2, 3])]
     assert cli.main(["dataset", "merge", f"out={tmp_path}/merged", f"from=[{parts[0]},{parts[1]}]"]) == 0
     said = capsys.readouterr().out
-    assert "4 episodes" in said and "left out: 1 of the 5 episodes given" in said
+    assert "4 episodes" in said and "left out: 1 of the 5 episodes given" in said and "added" not in said
+
+
+def test_the_command_says_that_the_dataset_was_there_before(tmp_path, capsys):
+    write(tmp_path / "a", [0, 1])
+    write(tmp_path / "b", [1, 2, 3])
+    assert cli.main(["dataset", "merge", f"out={tmp_path}/a", f"from=[{tmp_path}/b]"]) == 0
+    said = capsys.readouterr().out
+    assert "4 episodes" in said and "added: 2 episodes to the 2 that were there" in said
+    assert "left out: 1 of the 3 episodes given" in said
 
 
 @pytest.mark.parametrize("kept", [0, 200])
