@@ -150,6 +150,10 @@ class TrainConfig:
                     f"train.{name} must be one of {', '.join(valid)}, given '{getattr(self, name)}'."
                 )
 
+    def limited_s(self, seconds: float) -> float:
+        """Returns seconds of training, at most the time limit."""
+        return seconds if self.time_limit_s is None else min(seconds, self.time_limit_s)
+
     def _check_numbers(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)

@@ -100,7 +100,7 @@ class AgentLearner(Learner):
 
     def estimate_s(self) -> float:
         """Measures environment steps and updates of a smaller agent."""
-        from roboverse_learn.training.imitation.estimate import estimate_learning_s
+        from roboverse_learn.training.rl.estimate import estimate_learning_s
 
         brief = replace(self.config, policy=self.brief(self.config.policy))
         return estimate_learning_s(type(self)(brief, self.device))

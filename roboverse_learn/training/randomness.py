@@ -1,10 +1,17 @@
-"""States of a run's random number generators, saved with a checkpoint."""
+"""A run's random numbers: the seed of each step, and states of generators, saved with a checkpoint."""
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
+
+
+def step_seed(seed: int, step: int, rank: int) -> int:
+    """Returns the seed of dropout, noise and augmentation of one gradient step in one process."""
+    source = np.random.SeedSequence(seed, spawn_key=(step, rank))
+    return int(source.generate_state(1, np.uint64)[0] >> 1)
 
 
 def random_state(env: Any) -> dict[str, Tensor]:

@@ -1,8 +1,7 @@
-"""How long a training run will take on this machine, measured."""
+"""How long imitation will take on this machine, measured."""
 
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,10 @@ from policies.imitation import ImitationPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
 from roboverse_learn.training.imitation.optimizer import make_optimizer
-from roboverse_learn.training.reporter import Reporter
-from roboverse_learn.training.rl.loop import Loop
 
 _SMALL_BATCH = 4
 _NUM_SMALL_STEPS = 3
 _QUICK_STEP_S = 0.3
-_LEAST_TIMED_S, _MOST_TIMED_S = 1.0, 20.0
 
 
 def estimate_training_s(policy: ImitationPolicy, config: TrainConfig, num_timed_steps: int = 5) -> float:
@@ -43,10 +39,10 @@ def estimate_training_s(policy: ImitationPolicy, config: TrainConfig, num_timed_
             seconds = _step_s(policy, config, _SMALL_BATCH, _NUM_SMALL_STEPS)
             if seconds > _QUICK_STEP_S:
                 policy.end_training()
-                return _limited(seconds * batch_size / _SMALL_BATCH * config.steps, config)
+                return config.limited_s(seconds * batch_size / _SMALL_BATCH * config.steps)
         seconds = _step_s(policy, config, batch_size, num_timed_steps)
         policy.end_training()
-    return _limited(seconds * config.steps, config)
+    return config.limited_s(seconds * config.steps)
 
 
 def _step_s(policy: ImitationPolicy, config: TrainConfig, batch_size: int, num_timed_steps: int) -> float:
@@ -65,45 +61,6 @@ def _step_s(policy: ImitationPolicy, config: TrainConfig, batch_size: int, num_t
         float(loss.detach())  # waits for a GPU
         seconds.append(time.perf_counter() - start)
     return min(seconds[1:])
-
-
-def estimate_learning_s(learner: Any) -> float:
-    """Times steps and updates of an agent; returns the seconds of the whole run.
-
-    The run's random numbers do not change.
-
-    Args:
-        learner: An :class:`~roboverse_learn.training.learners.AgentLearner` with ``brief`` settings.
-
-    Returns:
-        Seconds, at most the time limit of the run.
-    """
-    config = learner.config.train
-    with cpu_threads(config.num_threads, learner.device), torch.random.fork_rng():
-        env = learner.open_env(0)
-        try:
-            loop = Loop(learner.make_agent(env, 0), env, config, Path(), 0, Reporter())
-            loop.begin(None)
-            _advance(loop, 0.0)  # the first update is slower than those that follow
-            per_step = _advance(loop, _LEAST_TIMED_S)
-        finally:
-            env.close()
-    return _limited(per_step * config.steps, config)
-
-
-def _advance(loop: Loop, least_s: float) -> float:
-    """Advances until it has learned; returns the seconds of an environment step, the updates included."""
-    start, first = time.perf_counter(), loop.step
-    while True:
-        updates = loop.updates
-        loop.advance()
-        seconds = time.perf_counter() - start
-        if seconds >= (least_s if loop.updates > updates else _MOST_TIMED_S):
-            return seconds / (loop.step - first)
-
-
-def _limited(seconds: float, config: TrainConfig) -> float:
-    return seconds if config.time_limit_s is None else min(seconds, config.time_limit_s)
 
 
 def _random_batch(policy: ImitationPolicy, batch_size: int) -> dict[str, Tensor]:

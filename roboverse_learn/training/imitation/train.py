@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from envs.core.errors import RoboVerseError
 from policies.checkpoint import read_weights, weights_path
 from policies.cuda_graphs import Recorded, RecordedObjective
 from policies.imitation import ImitationPolicy
@@ -24,6 +23,7 @@ from roboverse_learn.data.dataset.sampler import make_sampler
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_precision
+from roboverse_learn.training.divergence import TrainingDivergedError
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.fast_objective import NUM_BATCHES, fast_objective
 from roboverse_learn.training.imitation.gradient_mean import average_gradients, share_weights
@@ -33,6 +33,7 @@ from roboverse_learn.training.imitation.schedule import learning_rate_factor, pr
 from roboverse_learn.training.imitation.update import Update
 from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import MetricsWriter, open_writers, plot_training
+from roboverse_learn.training.randomness import step_seed
 from roboverse_learn.training.reporter import Progress, Reporter, TrainResult, seconds_left
 
 logger = logging.getLogger(__name__)
@@ -48,10 +49,6 @@ class FrameDataset(Protocol):
     ) -> dict[str, Tensor]:
         """Returns frames: images uint8 (B, [T,] C, H, W), vectors float32 (B, [T,] D), ``<key>_is_pad``."""
         ...
-
-
-class TrainingDivergedError(RoboVerseError, ArithmeticError):
-    """The loss is not a finite number any more."""
 
 
 def train(
@@ -89,12 +86,6 @@ def train(
     with cpu_threads(config.num_threads, policy.device.type), torch.random.fork_rng(devices=devices):
         trainer = _Trainer(policy, dataset, config, Path(run_dir), seed, reporter or Reporter())
         return trainer.run(resume)
-
-
-def step_seed(seed: int, step: int, rank: int) -> int:
-    """Returns the seed of dropout, noise and augmentation of one gradient step in one process."""
-    source = np.random.SeedSequence(seed, spawn_key=(step, rank))
-    return int(source.generate_state(1, np.uint64)[0] >> 1)
 
 
 class _Trainer:

@@ -19,10 +19,10 @@ from torch import Tensor
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.device import cpu_threads
-from roboverse_learn.training.imitation.train import TrainingDivergedError, step_seed
+from roboverse_learn.training.divergence import TrainingDivergedError
 from roboverse_learn.training.interruption import Interruption, signals_noted
 from roboverse_learn.training.metrics import MetricsWriter, open_writers, plot_training
-from roboverse_learn.training.randomness import random_state, set_random_state
+from roboverse_learn.training.randomness import random_state, set_random_state, step_seed
 from roboverse_learn.training.reporter import Progress, Reporter, TrainResult, seconds_left
 
 logger = logging.getLogger(__name__)

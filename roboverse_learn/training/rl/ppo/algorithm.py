@@ -17,7 +17,7 @@ from policies.ppo.network import Actor, perceptron
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.imitation.train import TrainingDivergedError
+from roboverse_learn.training.divergence import TrainingDivergedError
 
 MIN_LR, MAX_LR, LR_FACTOR = 1e-5, 1e-2, 1.5
 """The bounds and the factor of rsl_rl's adaptive learning rate."""

@@ -19,8 +19,8 @@ from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.image_augmentation import augment, shift
 from roboverse_learn.training.imitation.optimizer import make_optimizer
 from roboverse_learn.training.imitation.schedule import learning_rate_factor, progress
-from roboverse_learn.training.imitation.train import step_seed
 from roboverse_learn.training.metrics import JsonlWriter, WandbWriter, check_wandb, read_metrics
+from roboverse_learn.training.randomness import step_seed
 from tests.policies.examples import CONFIGS, FEATURES, stats
 
 

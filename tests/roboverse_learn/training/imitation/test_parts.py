@@ -12,8 +12,8 @@ from roboverse_learn.training.config import AugmentConfig, TrainConfig
 from roboverse_learn.training.device import cpu_threads, resolve_device, resolve_precision
 from roboverse_learn.training.imitation.ema import Ema
 from roboverse_learn.training.imitation.image_augmentation import augment, shift
-from roboverse_learn.training.imitation.train import step_seed
 from roboverse_learn.training.metrics import JsonlWriter, read_metrics
+from roboverse_learn.training.randomness import step_seed
 from roboverse_learn.training.reporter import Progress, ProgressReporter
 
 

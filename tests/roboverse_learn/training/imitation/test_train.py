@@ -16,9 +16,10 @@ import policies
 from envs.core.errors import CheckpointError, WriteError
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.config import AugmentConfig, TrainConfig
+from roboverse_learn.training.divergence import TrainingDivergedError
 from roboverse_learn.training.imitation import train as imitation
 from roboverse_learn.training.imitation.estimate import estimate_training_s
-from roboverse_learn.training.imitation.train import TrainingDivergedError, train
+from roboverse_learn.training.imitation.train import train
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from tests.policies.examples import IMAGE, LEARNED, NARROW_CONFIGS, generators

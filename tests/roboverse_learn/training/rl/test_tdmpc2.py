@@ -12,7 +12,7 @@ from policies.tdmpc2.planner import plan
 from policies.tdmpc2.policy import Tdmpc2Policy
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.imitation.train import TrainingDivergedError
+from roboverse_learn.training.divergence import TrainingDivergedError
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.reporter import Reporter
 from roboverse_learn.training.rl import loop as rl_loop

@@ -12,7 +12,7 @@ from envs.core.errors import CheckpointError
 from policies.ppo.config import BACKENDS, PpoConfig
 from policies.ppo.policy import PpoPolicy
 from roboverse_learn.training.config import TrainConfig
-from roboverse_learn.training.imitation.train import TrainingDivergedError
+from roboverse_learn.training.divergence import TrainingDivergedError
 from roboverse_learn.training.metrics import read_metrics
 from roboverse_learn.training.rl.loop import OBSERVATION
 from roboverse_learn.training.rl.ppo import learner

@@ -15,9 +15,9 @@ from policies.ppo.config import PpoConfig
 from policies.tdmpc2.config import Tdmpc2Config
 from roboverse_learn.config.compose import compose
 from roboverse_learn.train import refuse_long_run, train
-from roboverse_learn.training.imitation import estimate
 from roboverse_learn.training.learners import learner_of
 from roboverse_learn.training.reporter import Reporter
+from roboverse_learn.training.rl import estimate
 from roboverse_learn.training.rl.fasttd3 import FastTd3Learner
 from roboverse_learn.training.rl.ppo.learner import PpoLearner
 from roboverse_learn.training.rl.tdmpc2 import Tdmpc2Learner
