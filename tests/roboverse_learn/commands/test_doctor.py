@@ -8,6 +8,7 @@ import time
 import psutil
 import pytest
 
+from envs.core.extras import install_command
 from roboverse_learn import cli, doctor, extras
 
 
@@ -31,7 +32,7 @@ def test_json_has_every_part(without_processes, capsys, word):
 def test_a_missing_extra_says_how_to_install_it(without_processes, monkeypatch):
     monkeypatch.setattr(extras, "_is_there", lambda name: name != "h5py")
     found = doctor.extras()
-    assert found["import"] == "without h5py; pip install 'roboverse-learn[import]'"
+    assert found["import"] == f"without h5py; {install_command('import')}"
     assert found["metaworld"] == "installed"
 
 
