@@ -152,7 +152,11 @@ def test_success_with_known_and_with_new_words_is_reported(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["instructions=[wrong]", "levels=[1]"], r"which is level 0; add it: levels=\[0, 1\]"),
+        (
+            ["instructions=[wrong]", "levels=[1]"],
+            r"=\[wrong\] .* is level 0; add it: levels=\[0,1\]\.",
+        ),
+        (["instructions=[wrong,empty]", "levels=[]"], r"\[wrong,empty\] .* add it: levels=\[0\]\."),
         (["instructions=[rong]"], "Did you mean 'wrong'"),
         (["instructions=[wrong]", "width=0.2"], "Leave one out"),
     ],
