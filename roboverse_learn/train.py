@@ -197,7 +197,7 @@ def _evaluate(
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.schema import EvaluateConfig
     from roboverse_learn.evaluate import evaluate_checkpoint
-    from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.leaderboard import write_leaderboard_of
 
     results = Path(config.results_dir)
     with run.stage("evaluate") as facts:
@@ -218,7 +218,7 @@ def _evaluate(
         ]
         facts.update(results=[str(each.path) for each in evaluations])
     with run.stage("leaderboard"):
-        board = write_leaderboard(results)
+        board = write_leaderboard_of(results, evaluations)
         gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
     return evaluations, board, gif
 

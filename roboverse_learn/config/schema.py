@@ -120,9 +120,9 @@ class EvaluationConfig:
         for channel in self.alone:
             channels_of(only=channel)
         check_ranges(self, above_0=("episodes", "num_envs"), from_0=("videos", "protocol_seed"))
+        check_instruction_tests(self.instructions, self.levels, self.width)
         if not self.splits or not (self.levels or self.alone):
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
-        check_instruction_tests(self.instructions, self.levels, self.width)
         _within_splits(self.splits, "episodes", self.episodes)
 
 
