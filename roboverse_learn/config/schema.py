@@ -145,8 +145,8 @@ class CollectConfig:
         only_corrections: Of recordings of teleoperation in which a policy acted, take the person's part
             alone: from where the person took over for the last time.
         from_dataset: Folder of a dataset whose demonstrations are augmented, retargeted or rendered again.
-        dataset: Folder of the dataset; empty for one named after the configuration. train collects only
-            where none is named, and takes any LeRobotDataset v3, also of another robot.
+        dataset: Folder of the dataset; empty for one named after the configuration. train takes any
+            LeRobotDataset v3, and from it what is not given; without one it collects.
         collect: How demonstrations are collected.
         augment: How demonstrations are augmented.
         tasks_at_once: How many of several tasks are collected, and by train evaluated, in parallel, each in a

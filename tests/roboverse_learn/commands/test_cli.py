@@ -153,7 +153,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(
         *(("train", key) for key in ("dataset", "datasets_dir", "run", "runs_dir", "results_dir")),
         *(("collect", "dataset"), ("collect", "datasets_dir"), ("leaderboard", "results_dir")),
         *(("sweep", "runs_dir"), ("replay", "dataset"), ("conservation", "out"), ("convert", "out")),
-        ("export", "out"),
+        *(("export", "out"), ("teleoperate", "recordings")),
     ],
 )
 def test_folder_that_is_a_file_is_refused_before_the_run(
