@@ -51,7 +51,7 @@ class ChainResults:
 
     def _is_own(self, run: dict[str, Any]) -> bool:
         """Whether a run of the file had the same code and seed, so that this one continues it."""
-        return all(run.get(key) == self._facts.get(key) for key in ("git_sha", "seed"))
+        return _identity(run) == _identity(self._facts)
 
     def _run_in(self, runs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         """Returns the present run in those of a file, at their end where it has no result yet."""
@@ -74,10 +74,24 @@ def read_runs(path: Path) -> dict[str, list[dict[str, Any]]]:
 def read_results(path: Path) -> dict[str, dict[int, int]]:
     """Returns how many tasks were solved in a row, by policy and chain; none if there is no file.
 
+    A policy's chains are those of one commit and seed: which have most chains, or of as many the later ones.
+
     Raises:
         ConfigError: The file is damaged.
     """
-    return {label: _solved(runs) for label, runs in read_runs(path).items()}
+    return {label: _fullest(runs) for label, runs in read_runs(path).items()}
+
+
+def _fullest(runs: list[dict[str, Any]]) -> dict[int, int]:
+    of_code: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for run in runs:
+        of_code.setdefault(_identity(run), []).append(run)
+    return max(map(_solved, reversed(of_code.values())), key=len, default={})
+
+
+def _identity(run: dict[str, Any]) -> tuple[Any, ...]:
+    """Returns what runs have in common whose chains belong together."""
+    return run.get("git_sha"), run.get("seed")
 
 
 def _write(path: Path, runs: dict[str, list[dict[str, Any]]]) -> None:

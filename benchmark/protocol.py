@@ -240,14 +240,19 @@ def check_instruction_tests(names: Sequence[str], levels: Sequence[int], width: 
         check_instruction_test(name)
     if names and 0 not in levels:
         raise ConfigError(
-            f"instructions={list(names)} are compared with the right instruction, which is level 0; add it: "
-            f"levels={[0, *levels]}."
+            f"instructions={_typed(names)} are compared with the right instruction, which is level 0; add "
+            f"it: levels={_typed([0, *levels])}."
         )
     if names and width is not None:
         raise ConfigError(
-            f"instructions={list(names)} are compared episode by episode, and width={width} ends each cell "
+            f"instructions={_typed(names)} are compared episode by episode, and width={width} ends each cell "
             "after another number of them. Leave one out."
         )
+
+
+def _typed(values: Sequence[object]) -> str:
+    """Returns a list as a command line takes it: with a space in it, it would be two words."""
+    return f"[{','.join(map(str, values))}]"
 
 
 def _is_count(value: object, least: int) -> bool:

@@ -18,7 +18,7 @@ from benchmark.protocol import Protocol
 from benchmark.record_columns import to_columns, to_rows
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
 from envs.core.atomic import write_file
-from envs.core.errors import ResultError, RoboVerseError
+from envs.core.errors import ForeignFileError, ResultError, RoboVerseError
 from envs.core.fingerprint import fingerprint
 from envs.spec import EnvSpec
 
@@ -33,7 +33,13 @@ _LOOSE_KEYS = (
 )
 """Fields of the environment that a file of schema 1 has at its top level."""
 
-_AGAIN = "Remove the file and evaluate the checkpoint again."
+_AGAIN = "Move the file away and evaluate the checkpoint again."
+_ELSEWHERE = "Give the folder that roboverse evaluate writes to, or keep other JSON files out of it."
+
+_HEAD = '{"schema_version":'
+"""The beginning of every results file, without spaces."""
+
+_OWN_KEYS = {"schema_version", "protocol", "protocol_hash", "cells", "records", "digest"}
 
 
 def result_path(results_dir: Path, result: Result) -> Path:
@@ -70,7 +76,9 @@ def read_result(path: Path) -> Result:
     Raises:
         ResultError: The file is absent, cut short, of another schema, edited, or its cells do not
             follow from its records.
+        ForeignFileError: It is no results file at all.
     """
+    text = ""
     try:
         text = path.read_bytes().decode()
         document = json.loads(
@@ -82,9 +90,17 @@ def read_result(path: Path) -> Result:
     except OSError as error:
         raise ResultError(f"Could not read results file '{path}': {error.strerror or error}.") from error
     except (ValueError, RecursionError) as error:
+        if not _begins_as_a_result(text):
+            raise ForeignFileError(f"'{path}' is not a results file: {error}. {_ELSEWHERE}") from error
         raise ResultError(f"Results file '{path}' is not a whole JSON file: {error}. {_AGAIN}") from error
     _check_schema(path, document)
     return _from_document(path, document)
+
+
+def _begins_as_a_result(text: str) -> bool:
+    """Returns whether a text is, or was cut from, what :func:`write_result` writes."""
+    head = "".join(text[:100].split())[: len(_HEAD)]
+    return _HEAD.startswith(head)
 
 
 def _one_per_line(values: list[Any]) -> str:
@@ -159,7 +175,12 @@ def _validator(version: int) -> Any:
 
 
 def _check_schema(path: Path, document: Any) -> None:
-    if not isinstance(document, dict) or "schema_version" not in document:
+    own = _OWN_KEYS & document.keys() if isinstance(document, dict) else set()
+    if len(own) < 2:
+        raise ForeignFileError(
+            f"'{path}' is not a results file: it has neither cells nor records. {_ELSEWHERE}"
+        )
+    if "schema_version" not in own:
         raise ResultError(f"'{path}' is not a results file: it has no schema_version. {_AGAIN}")
     version = document["schema_version"]
     if type(version) is not int or version not in _READABLE_VERSIONS:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from envs.core.errors import PolicyError
 from envs.core.registry import Registry
 from policies.base import Policy
+from policies.learned_tasks import TASK_INDEX
 
 if TYPE_CHECKING:
     from policies.imitation import ImitationPolicy
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "POLICIES", "Policy", "PolicyInfo", "Source", "check_of", "config_class", "create",
-    "create_scripted", "learner", "learns_from", "load", "names", "policy_class", "summary",
+    "create_scripted", "learner", "learns_from", "load", "names", "policy_class", "reads_instructions",
+    "summary",
 ]  # fmt: skip
 
 Source = Literal["dataset", "env", "nothing"]
@@ -202,6 +204,16 @@ def policy_class(name: str) -> Any:
     from policies.module_policy import module_policy
 
     return module_policy(name, _checked(name, found))
+
+
+def reads_instructions(name: str) -> bool:
+    """Whether policy ``name`` tells tasks apart by their instructions, so that it learns several.
+
+    Raises:
+        UnknownNameError: if there is no such policy.
+        PolicyError: if what is registered is no policy.
+    """
+    return TASK_INDEX in getattr(policy_class(name), "columns", ())
 
 
 def learner(name: str) -> str:

@@ -81,7 +81,7 @@ def train(
 
 
 def evaluate(
-    policy: "str | Path | AnyPolicy",
+    policy: "str | Path | AnyPolicy | None" = None,
     task: "str | Task | type[Task] | None" = None,
     *,
     actions: Literal["task", "rl"] = "task",
@@ -94,7 +94,8 @@ def evaluate(
             :class:`~policies.base.Policy`, or a function: it takes the observations of n environments, a
             dictionary of arrays (n, …), and returns actions (n, action_dim) or chunks of them
             (n, T, action_dim). It gets images where ``cameras`` is given, and the state of all objects
-            (``observation.environment_state``) otherwise.
+            (``observation.environment_state``) otherwise. None where ``checkpoint=`` names the folder, as on
+            the command line.
         task: Name of a task, a task, or its class; None takes the one that the checkpoint learned.
         actions: What the actions of a function mean: ``task`` for the task's controller, ``rl`` for that of
             reinforcement learning.
@@ -105,13 +106,20 @@ def evaluate(
         results file; functions have none, since nobody could repeat it.
 
     Raises:
+        ConfigError: Neither a policy nor a checkpoint is given, or both are.
         RoboVerseError: as :func:`roboverse_learn.evaluate.evaluate_all`.
     """
     given = ({} if task is None else _of_task(task)) | settings
-    if isinstance(policy, str | Path):
+    if policy is not None and given.get("checkpoint"):
+        raise ConfigError(
+            f"A policy and checkpoint={given['checkpoint']} are both given: which of them is evaluated? "
+            "Leave one out."
+        )
+    if policy is None or isinstance(policy, str | Path):
         from roboverse_learn.config.schema import baselines
 
-        given |= {"policy" if policy in baselines() else "checkpoint": str(policy)}
+        if policy is not None:
+            given |= {"policy" if policy in baselines() else "checkpoint": str(policy)}
         with called_with(_words(given)):
             return evaluate_all(compose("evaluate", (), given))
     if task is None:

@@ -131,7 +131,7 @@ def _text_of(need: Need) -> str:
 
 def _get(name: str, assets_dir: str | None) -> str:
     if name not in ASSETS and name in _extras():
-        raise ConfigError(f"'{name}' are packages, which pip installs: {install_command(name)}")
+        raise ConfigError(f"'{name}' are packages: {install_command(name)}")
     place = get_asset(name, assets_dir)
     folder = ASSETS.get(name)
     return f"{place}\n{folder.size_mb:g} MB, licence {folder.licence}: {place / folder.licence_file}"

@@ -15,10 +15,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from io import TextIOWrapper
-from pathlib import Path
 from typing import Any
 
-from envs.core.atomic import folder_for_file
+from envs.core.atomic import file_for_folder, folder_for_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import PLUGINS_VARIABLE, load_plugins
 from roboverse_learn.commands.called_with import called_with
@@ -26,19 +25,13 @@ from roboverse_learn.commands.child_process import end_with_parent
 from roboverse_learn.commands.sigterm import sigterm_interrupts
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
-from roboverse_learn.config.preflight import (
-    check_folders,
-    check_working_folder,
-    file_in_place_of_folder,
-    not_a_folder,
-)
+from roboverse_learn.config.preflight import check_folders, check_working_folder
 from roboverse_learn.training.interruption import Interrupted
 
 HELP = ("-h", "--help", "help")
 
 # A full disk, a spent quota, a limit on the size of files, a folder that may not be written.
 _MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
-_IN_THE_WAY = (errno.ENOTDIR, errno.EEXIST)
 
 _OUT_OF_MEMORY = ("can't allocate memory", "out of memory")
 """Of PyTorch's messages on a CPU and on a GPU."""
@@ -84,12 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _system_error(error: OSError) -> str:
     """Returns the message of a system error that the user can mend; raises any other."""
-    if error.errno in _IN_THE_WAY and isinstance(error.filename, str | os.PathLike):
-        file = file_in_place_of_folder(Path(error.filename))
-        if file is not None:
-            return not_a_folder(file)
-    if folder := folder_for_file(error):
-        return folder
+    if wrong := folder_for_file(error) or file_for_folder(error):
+        return wrong
     if error.errno not in _MENDABLE:
         raise error
     return (

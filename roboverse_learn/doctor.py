@@ -12,6 +12,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` must not hide ot
 
 import importlib.metadata
 import json
+import logging
 import os
 import platform
 import re
@@ -30,6 +31,8 @@ from roboverse_learn.config.schema import DoctorConfig
 from roboverse_learn.extras import missing_packages
 
 type Facts = dict[str, Any]
+
+log = logging.getLogger(__name__)
 
 _PROBE_LIMIT_S = 120.0
 _TIMED_S = 1.5
@@ -195,11 +198,12 @@ PARTS: dict[str, Callable[[], Facts]] = {
 
 
 def _in_process(*words: str) -> Facts:
-    """Runs one of :data:`_PROBES` in a process of its own and returns what it found.
+    """Says what it looks at, runs one of :data:`_PROBES` in a process of its own, and returns what it found.
 
     Raises:
         RoboVerseError: It crashed or took too long.
     """
+    log.info("Looking at %s …", _LOOKS_AT[words[0]].format(*words[1:]))
     command = [sys.executable, "-m", "roboverse_learn.doctor", *words]
     path = os.pathsep.join(filter(None, (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))))
     environment = {**os.environ, "PYTHONPATH": path}
@@ -310,6 +314,15 @@ _PROBES: dict[str, Callable[..., Facts]] = {
     "train": _probe_train,
 }
 """Checks that run in their own process, which writes its facts as the last line of its output."""
+
+_LOOKS_AT = {
+    "torch": "torch and GPUs",
+    "video": "videos",
+    "render": "the renderer {}",
+    "env": "the speed of an environment",
+    "train": "the speed of training",
+}
+"""What each of them looks at; together they take about a minute, in which nothing else is seen."""
 
 
 if __name__ == "__main__":

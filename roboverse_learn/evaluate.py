@@ -44,19 +44,23 @@ def evaluate(config: EvaluateConfig) -> Any:
     """
     from roboverse_learn.commands.report import evaluation_report
     from roboverse_learn.commands.tasks_at_once import keeps_cells_alone
-    from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.leaderboard import write_leaderboard_of
 
+    results_dir = Path(config.results_dir)
     if keeps_cells_alone():
         return f"The cells of {len(evaluate_all(config))} tasks are evaluated."
     if config.chains:
         from roboverse_learn.commands.chains import chains_report, evaluate_chains
 
-        return chains_report(*evaluate_chains(config), write_leaderboard(Path(config.results_dir)))
+        return chains_report(*evaluate_chains(config), write_leaderboard_of(results_dir, ()))
     if config.suite:
         from roboverse_learn.commands.suite_report import suite_evaluation_report
 
-        return suite_evaluation_report(_of_suite(config), write_leaderboard(Path(config.results_dir)))
-    return evaluation_report(evaluate_all(config), write_leaderboard(Path(config.results_dir)))
+        suite = _of_suite(config)
+        board = write_leaderboard_of(results_dir, suite.evaluations.values())
+        return suite_evaluation_report(suite, board)
+    evaluations = evaluate_all(config)
+    return evaluation_report(evaluations, write_leaderboard_of(results_dir, evaluations))
 
 
 def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.core.atomic import atomic_directory, write_json
-from envs.core.errors import ConfigError, PolicyError
+from envs.core.errors import ConfigError, PolicyError, UnknownNameError, suggest
 from envs.joint_readings import joint_readings
 from envs.scenario import CameraCfg, RobotCfg
 from envs.tasks.base import Task
@@ -28,12 +28,14 @@ def export(config: ExportConfig) -> str:
     """Exports a checkpoint; returns what to print: the folder, and the command for the robot.
 
     Raises:
+        UnknownNameError: ``to`` is no robot of LeRobot's that one here has the joints of.
         ConfigError: No checkpoint is named, its robot is another one, or the folder exists.
         PolicyError: There is no checkpoint, or it is no policy of LeRobot's format.
     """
     from policies.checkpoint import CONFIG, read_json, resolve
     from roboverse_learn.commands.run_folder import read_config, run_of
 
+    _check_target(config.to)
     if not config.checkpoint:
         raise ConfigError("Name what to export, as in: roboverse export checkpoint=runs/<task>/act/<run>")
     checkpoint = resolve(config.checkpoint)
@@ -51,6 +53,24 @@ def export(config: ExportConfig) -> str:
     out = Path(config.out) if config.out else Path("exports") / config.to / folder.name
     _write(checkpoint, out, size, _facts(task, robot, cameras))
     return _words(out, robot, task, cameras)
+
+
+def _check_target(to: str) -> None:
+    """Checks the name of LeRobot's robot before anything is read.
+
+    Raises:
+        UnknownNameError: No robot here has its joints.
+    """
+    from envs.robots import ROBOTS
+
+    kinds = {name: ROBOTS.get(name).lerobot_type for name in ROBOTS.names()}
+    meant = {name: kind for name, kind in kinds.items() if kind} | {kind: kind for kind in kinds.values()}
+    valid = sorted({*kinds.values()} - {""})
+    if to not in valid:
+        raise UnknownNameError(
+            f"Unknown robot to={to}.{suggest(to, filter(None, meant), meant)} Valid: {', '.join(valid)}, the "
+            "robots of LeRobot's whose joints a robot here has."
+        )
 
 
 def _checked_robot(task: Task, to: str) -> RobotCfg:

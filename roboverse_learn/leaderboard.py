@@ -6,10 +6,14 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from roboverse_learn.config.other_commands import LeaderboardConfig
+
+if TYPE_CHECKING:
+    from roboverse_learn.commands.outcomes import Evaluation
 
 
 def leaderboard(config: LeaderboardConfig) -> Any:
@@ -31,6 +35,18 @@ def write_leaderboard(results_dir: Path) -> dict[str, Path]:
     from roboverse_learn.training.config import TrainConfig
 
     return write(results_dir, asdict(TrainConfig()))
+
+
+def write_leaderboard_of(results_dir: Path, evaluations: "Iterable[Evaluation]") -> dict[str, Path]:
+    """Writes the leaderboard of a folder; returns what concerns some evaluations: no plots of other tasks."""
+    from benchmark.leaderboard.section_plots import possible_plots
+
+    written = write_leaderboard(results_dir)
+    paths = [each.path.relative_to(results_dir).as_posix() for each in evaluations if each.path]
+    others = possible_plots(results_dir, written["json"]) - possible_plots(
+        results_dir, written["json"], paths
+    )
+    return {kind: path for kind, path in written.items() if path not in others}
 
 
 def _prune_videos(results_dir: Path) -> int:

@@ -20,14 +20,18 @@ def replay(config: ReplayConfig) -> Any:
 
     Raises:
         DatasetError: There is no dataset, or it holds no raw states.
+        ConfigError: The folder holds the replay of another dataset.
         WriteError: A file cannot be written.
     """
     from roboverse_learn.commands.report import replay_report
+    from roboverse_learn.data.dataset.raw import dataset_hash
     from roboverse_learn.data.dataset.recording import read_recordings
     from roboverse_learn.sim2sim.parity import parity_page, summary
 
     recordings = read_recordings(config.dataset, config.episodes)
-    values = replay_recordings(recordings, config)
+    of = {"dataset": config.dataset, "dataset_hash": dataset_hash(config.dataset)[:16]}
+    summary.refuse_to_replace(Path(config.out), of | _pair(recordings, config))
+    values = of | replay_recordings(recordings, config)
     path = summary.write(Path(config.out), values)
     return replay_report(values, path, parity_page.write_page(Path(config.out)))
 
@@ -71,11 +75,8 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         }
         return {
             "schema_version": SCHEMA_VERSION,
-            "task": first["task"],
-            "task_kwargs": first.get("task_kwargs", {}),
-            "recorded_in": first["simulator"],
+            **_pair(recordings, config),
             "recorded_versions": first.get("versions", {}),
-            "replayed_in": config.simulator,
             "versions": provenance.package_versions(),
             "control_hz": float(env.control_hz),
             "num_episodes": len(recordings),
@@ -86,6 +87,17 @@ def replay_recordings(recordings: "list[Recording]", config: ReplayConfig) -> di
         }
     finally:
         env.close()
+
+
+def _pair(recordings: "list[Recording]", config: ReplayConfig) -> dict[str, Any]:
+    """Returns the task of recordings and both simulators, which a summary is named after."""
+    first = recordings[0].metadata
+    return {
+        "task": first["task"],
+        "task_kwargs": first.get("task_kwargs", {}),
+        "recorded_in": first["simulator"],
+        "replayed_in": config.simulator,
+    }
 
 
 if __name__ == "__main__":

@@ -40,7 +40,9 @@ def teleoperate(config: TeleoperateConfig) -> Any:
     folder = recordings_folder(config)
     figures = None
     with prepared(config, folder) as steering:
-        if config.actor == "expert":
+        if done := steering.nothing_to_do:
+            log.info("%s", done)
+        elif config.actor == "expert":
             steer_by_expert(steering)
         else:
             figures = steer_by_page(steering, config)

@@ -60,6 +60,7 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     """
     from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
+    from roboverse_learn.commands.new_run import new_run_words
     from roboverse_learn.commands.run_folder import RunFolder
     from roboverse_learn.config.preflight import check_installed
     from roboverse_learn.training.device import resolve_device
@@ -74,6 +75,8 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         _train_along(config, device)
         return None
+    if new := new_run_words(config.run):
+        log.info("%s", new)
     check_installed(config.env)
     learner = learner_of(config, device)
     learner.check()
@@ -197,7 +200,7 @@ def _evaluate(
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.schema import EvaluateConfig
     from roboverse_learn.evaluate import evaluate_checkpoint
-    from roboverse_learn.leaderboard import write_leaderboard
+    from roboverse_learn.leaderboard import write_leaderboard_of
 
     results = Path(config.results_dir)
     with run.stage("evaluate") as facts:
@@ -218,7 +221,7 @@ def _evaluate(
         ]
         facts.update(results=[str(each.path) for each in evaluations])
     with run.stage("leaderboard"):
-        board = write_leaderboard(results)
+        board = write_leaderboard_of(results, evaluations)
         gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
     return evaluations, board, gif
 

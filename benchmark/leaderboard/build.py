@@ -24,6 +24,16 @@ from benchmark.leaderboard.headline import headline
 from benchmark.leaderboard.instructions_table import instructions_table, without_instruction_tests
 from benchmark.leaderboard.overview import overview
 from benchmark.leaderboard.recipe_settings import completed
+from benchmark.leaderboard.results_folder import (
+    HTML_NAME,
+    INSTRUCTIONS_HTML_NAME,
+    INSTRUCTIONS_MARKDOWN_NAME,
+    JSON_NAME,
+    MARKDOWN_NAME,
+    STUDIES_HTML_NAME,
+    STUDIES_MARKDOWN_NAME,
+    load_results,
+)
 from benchmark.leaderboard.rows import (
     Entry,
     build_row,
@@ -35,23 +45,12 @@ from benchmark.leaderboard.rows import (
 from benchmark.leaderboard.suites_section import read_suites, suite_sections, without_section
 from benchmark.protocol import Cell
 from benchmark.records import EpisodeRecord, Result
-from benchmark.results import read_result, result_path
 from benchmark.statistics import compare, holm
-from benchmark.suites import FOLDER
 from envs.core.atomic import write_file
-from envs.core.errors import ResultError
 from envs.core.fingerprint import canonical_json, digest
 from envs.core.json_values import flat
 
 SCHEMA_VERSION = 2
-JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
-STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
-INSTRUCTIONS_MARKDOWN_NAME, INSTRUCTIONS_HTML_NAME = "instructions.md", "instructions.html"
-
-TABLES = (JSON_NAME, "calvin_chains.json", "robots.json", "tasks.json")
-"""Files of the folder that are no results: our own, and the tables of experts by robot and by task."""
-
-_SHOWN_ERRORS = 10
 
 
 def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -77,7 +76,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     """
     whole = [
         (path, replace(result, config=completed(result.config, result.policy, train or {})))
-        for path, result in _load(results_dir)
+        for path, result in load_results(results_dir)
     ]
     loaded = [(path, without_instruction_tests(result)) for path, result in whole]
     suites = read_suites(results_dir)
@@ -157,33 +156,6 @@ def write(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     for path in before - set(plots.values()):
         path.unlink(missing_ok=True)
     return written | plots
-
-
-def _load(results_dir: Path) -> list[Entry]:
-    if not results_dir.is_dir():
-        raise ResultError(
-            f"There is no folder of results '{results_dir}'. Evaluate a checkpoint first: roboverse evaluate "
-            "checkpoint=<folder>."
-        )
-    entries, problems = [], []
-    others = [results_dir / name for name in TABLES]
-    for path in sorted(results_dir.rglob("*.json")):
-        if path.name.startswith(".") or path in others or results_dir / FOLDER in path.parents:
-            continue
-        try:
-            result = read_result(path)
-            expected = result_path(results_dir, result)
-            if path != expected:
-                raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
-        except ResultError as error:
-            problems.append(str(error))
-            continue
-        entries.append((path.relative_to(results_dir).as_posix(), result))
-    if problems:
-        more = len(problems) - _SHOWN_ERRORS
-        shown = "\n".join(problems[:_SHOWN_ERRORS]) + (f"\n… and {more} more." if more > 0 else "")
-        raise ResultError(f"No leaderboard was written, because of {len(problems)} results file(s):\n{shown}")
-    return entries
 
 
 def _section_key(result: Result) -> dict[str, Any]:

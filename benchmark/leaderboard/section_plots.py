@@ -1,7 +1,7 @@
 """The images of ``plots/``: success over the levels and learning curves of each section."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from benchmark.leaderboard.entries import STUDY
 from benchmark.leaderboard.level_chart import chosen_lines, line, series_lines
 from benchmark.leaderboard.plot_cache import draw_if_changed
 from benchmark.leaderboard.plots import plot_learning, plot_levels
+from benchmark.leaderboard.results_folder import PLOTS
 from benchmark.leaderboard.standings import standings
 from benchmark.leaderboard.views import series_label, shown_curves
 from benchmark.learning_curves import published
@@ -53,7 +54,7 @@ def draw_sections(results_dir: Path, board: Mapping[str, Any]) -> dict[str, Path
     plots = {}
     for section in board["sections"]:
         for plot in section_plots(section, board["entries"]):
-            path = plots[plot.kind] = results_dir / "plots" / f"{plot.name}.png"
+            path = plots[plot.kind] = results_dir / PLOTS / f"{plot.name}.png"
             draw_if_changed(plot.draw, plot.values, path, *plot.more, **plot.options)
     return plots
 
@@ -93,11 +94,22 @@ def section_plots(section: Mapping[str, Any], entries: Mapping[str, Any]) -> Ite
             yield SectionPlot(kind, f"{name}{suffix}-learning", plot_learning, curves, more, options)
 
 
-def possible_plots(results_dir: Path, board: Path) -> set[Path]:
-    """Returns the plots that a leaderboard's file may have; none if it cannot be read."""
+def possible_plots(results_dir: Path, board: Path, of: Collection[str] | None = None) -> set[Path]:
+    """Returns the plots that a leaderboard's file may have; none if it cannot be read.
+
+    Args:
+        results_dir: Folder of results.
+        board: The leaderboard's JSON file.
+        of: Paths of results, relative to the folder: only the plots of their sections.
+    """
     try:
-        names = [section["id"] for section in json.loads(board.read_text(encoding="utf-8"))["sections"]]
-        folder = results_dir / "plots"
+        sections = json.loads(board.read_text(encoding="utf-8"))["sections"]
+        names = [section["id"] for section in sections if of is None or _paths_in(section) & {*of}]
+        folder = results_dir / PLOTS
         return {folder / f"{name}{suffix}.png" for name in names for suffix in _SUFFIXES}
     except (OSError, ValueError, TypeError, LookupError):  # there is none, or it is damaged, or another's
         return set()
+
+
+def _paths_in(section: Mapping[str, Any]) -> set[str]:
+    return {run["path"] for row in section["rows"] for run in row["runs"]}

@@ -57,6 +57,7 @@ def studies_view(board: Mapping[str, Any]) -> View:
         "entries": board["entries"],
         "reference": board["reference"],
         "latest": board["latest"],
+        "min_episodes": MIN_EPISODES,
     }
 
 

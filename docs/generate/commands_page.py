@@ -4,7 +4,6 @@
 fields are the keys and whose docstrings are their help.
 """
 
-import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -51,9 +50,6 @@ Keys of `roboverse train policy=<name>`, with the defaults of `preset=full`. Che
 
 {policies}
 """
-
-ROLE = re.compile(r":\w+:`~?([^`]+)`")
-"""A cross reference of a docstring, as ``:class:`~envs.spec.EnvSpec```."""
 
 CONTRACTS = {"task": TASK_CONTRACTS, "policy": POLICY_CONTRACTS, "robot": ROBOT_CONTRACTS}
 
@@ -133,10 +129,7 @@ def _key_table(rows: Iterable[tuple[str, str]]) -> str:
     split = ((left.partition("="), about) for left, about in rows)
     return _table(
         ("key", "default", "what it is"),
-        (
-            (f"`{key}`", f"`{default}`" if default else "", ROLE.sub(r"`\1`", about))
-            for (key, _, default), about in split
-        ),
+        ((f"`{key}`", f"`{default}`" if default else "", about) for (key, _, default), about in split),
     )
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from envs.core.arguments import run_program
 from envs.core.errors import MissingExtraError, SimulatorError
+from envs.core.extras import checkout_command
 from envs.core.registry import Registry
 from envs.simulators import HANDLERS, RENDERERS
 
@@ -113,7 +114,7 @@ def _table(head: Sequence[str], registry: Registry, speeds: Mapping[str, float],
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for name in sorted(registry.names(), key=lambda name: (name != default, name)):
         entry = registry.entry(name)
-        install = f"`pip install 'roboverse-learn[{entry.extra}]'`" if entry.extra else "with the package"
+        install = f"`{checkout_command(entry.extra)}`" if entry.extra else "with the package"
         speed = "not measured"
         if name in speeds and default in speeds:
             speed = f"{speeds[name] / speeds[default]:.2g} ×"

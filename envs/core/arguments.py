@@ -9,6 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
+from envs.core.docstrings import plain
 from envs.core.errors import ConfigError, RoboVerseError, empty_path, unknown_name
 
 _BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
@@ -55,7 +56,7 @@ def parse[T](command: str, settings: type[T], words: Sequence[str] | None = None
     """
     words = sys.argv[1:] if words is None else words
     if {"-h", "--help", "help"} & set(words):
-        about = [inspect.cleandoc(cls.__doc__ or "") for cls in settings.__mro__ if is_dataclass(cls)]
+        about = [plain(inspect.cleandoc(cls.__doc__ or "")) for cls in settings.__mro__ if is_dataclass(cls)]
         sys.stdout.write("\n\n".join([f"{command} key=value …", *about]) + "\n")
         raise SystemExit(0)
     hints = get_type_hints(settings)

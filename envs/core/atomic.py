@@ -70,8 +70,8 @@ def write_errors(path: Path) -> Iterator[None]:
         if not isinstance(code, int) or not (foreign or isinstance(error, OSError)):
             raise
         why = "the disk is full" if code in (errno.ENOSPC, errno.EDQUOT) else os.strerror(code)
-        if isinstance(error, OSError) and (folder := folder_for_file(error)):
-            raise WriteError(folder) from error
+        if isinstance(error, OSError) and (wrong := folder_for_file(error) or file_for_folder(error)):
+            raise WriteError(wrong) from error
         # The message names the final path, also of what is written into a temporary folder.
         final = re.sub(rf"\.([^/]+)\.[0-9a-f]{{8}}{re.escape(PARTIAL)}", r"\1", str(path))
         raise WriteError(
@@ -89,6 +89,24 @@ def folder_for_file(error: OSError) -> str:
         f"'{os.fspath(path)}' is a folder, where a file belongs. If you named it, name a file; else move it "
         "away, or restore the file from a copy, and run the same command again."
     )
+
+
+def file_for_folder(error: OSError) -> str:
+    """Returns what to say of a system error where a file is in the place of a folder; empty for any other."""
+    if error.errno not in (errno.ENOTDIR, errno.EEXIST) or not isinstance(error.filename, str | os.PathLike):
+        return ""
+    file = file_in_place_of_folder(Path(error.filename))
+    return not_a_folder(file) if file else ""
+
+
+def file_in_place_of_folder(path: Path) -> Path | None:
+    """Returns the file at ``path`` or above it, which keeps ``path`` from being a folder."""
+    return next((each for each in (path, *path.parents) if each.exists() and not each.is_dir()), None)
+
+
+def not_a_folder(file: Path) -> str:
+    """Returns the message for a file where a folder is meant."""
+    return f"'{file}' is a file, not a folder. Name another folder, or move the file away."
 
 
 @contextlib.contextmanager

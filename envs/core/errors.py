@@ -64,6 +64,10 @@ class ResultError(RoboVerseError, ValueError):
     """A results file that does not follow the schema."""
 
 
+class ForeignFileError(ResultError):
+    """A file among the results that something else wrote: it is not to be removed."""
+
+
 MOST_LISTED = 60
 """Valid names that a message lists; of more it names the nearest."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from envs.core.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError, suggest, unknown_name
 from envs.core.registry import Registry
 from envs.randomization.channels import CHANNELS
 
@@ -27,10 +27,29 @@ def parse_level(level: int | str) -> int:
     """
     text = str(level).strip()
     if isinstance(level, bool) or not text.isdecimal() or int(text) not in LEVELS:
-        meanings = "; ".join(f"{k}: {' + '.join(LEVEL_CHANNELS[: k + 1])}" for k in LEVELS)
-        named = f" '{text}' is a named level: give only={text}." if text in NAMED_LEVELS else ""
-        raise ConfigError(f"Unknown level '{level}'. Valid levels: {meanings}.{named}")
+        raise unknown_level(level)
     return int(text)
+
+
+def unknown_level(level: object, channels_key: str = "only={}") -> ConfigError:
+    """Builds the error for what is no level, with the key that takes it where it is a list of channels.
+
+    Args:
+        level: What was given.
+        channels_key: The word that gives a list of channels, such as a named level, instead.
+    """
+    text = str(level).strip()
+    meanings = "; ".join(f"{k}: {' + '.join(LEVEL_CHANNELS[: k + 1])}" for k in LEVELS)
+    meant = {name: channels_key.format(name) for name in (*CHANNELS, *NAMED_LEVELS)}
+    if text in meant:
+        kind = "a named level" if text in NAMED_LEVELS else "a channel"
+        hint = f" '{text}' is {kind}: give {meant[text]}."
+    elif text.lstrip("+-").replace(".", "").isdecimal():
+        hint = ""
+    else:
+        others = f" Channels and named levels are given by {channels_key.format('<name>')}."
+        hint = suggest(text, meant, meant) or others
+    return ConfigError(f"Unknown level '{level}'. Valid levels: {meanings}.{hint}")
 
 
 def channels_of(level: int | str = 0, only: str | None = None) -> tuple[str, ...]:

@@ -3,13 +3,13 @@
 It is read and never written.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
-from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
@@ -17,6 +17,8 @@ from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
 from roboverse_learn.data.dataset.raw import dataset_hash
 from roboverse_learn.data.dataset.schema import ACTION_KEY, IMAGE_PREFIX, STATE_KEY, Feature
 from roboverse_learn.data.sources.base import DemonstrationSource
+
+log = logging.getLogger(__name__)
 
 _ENVIRONMENT_STATE_KEY = "observation.environment_state"
 
@@ -67,10 +69,7 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
     """
     info = DatasetInfo.open(config.dataset)
     if is_collected_here(info.root):
-        before, _ = read_record(info.root)
-        now = DemonstrationSource(config).settings()
-        unusual = ("robot", "simulator_settings", "scenario", "steps_per_look")  # left out where they are not
-        check_settings(info.root, before, now, keys={*now, *unusual})
+        _check_same(info, config)
         return GivenDataset(info, config, None if config.env.only else config.env.level, config.env.only)
     _check_tasks(info, config)
     variations = {(each.get("level"), each.get("only")) for each in info.episode_metadata}
@@ -80,7 +79,51 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
         misfit = next(filter(None, (_misfit(info, fitted, task) for task in config.tasks)), "")
     except RoboVerseError as error:
         fitted, misfit = config, _sentence(config.env.task, str(error).rstrip("."))
+    if not misfit and (other := _other_robot(info, config)):
+        log.warning("%s", other)
     return GivenDataset(info, config if misfit else fitted, level, only, misfit)
+
+
+def _check_same(info: DatasetInfo, config: TrainRunConfig) -> None:
+    """Checks that a collection of ours has the settings that are given.
+
+    Raises:
+        DatasetError: Some differ.
+    """
+    before, _ = read_record(info.root)
+    now = DemonstrationSource(config).settings()
+    if before.get("task") == config.env.task:  # no camera is named where the task's first one is taken
+        before, now = (each | {"cameras": _seen(config, each.get("cameras") or ())} for each in (before, now))
+    unusual = ("robot", "simulator_settings", "scenario", "steps_per_look")  # left out where they are not
+    advice = "Leave out what differs to take the dataset's, or name another dataset."
+    check_settings(info.root, before, now, keys={*now, *unusual}, advice=advice)
+
+
+def _seen(config: TrainRunConfig, cameras: Sequence[str]) -> list[str]:
+    """Returns the names of the cameras that ``cameras=`` means in the first task of a run."""
+    return [camera.name for camera in config.env.make_task().scenario.seen_by(cameras).cameras]
+
+
+def _other_robot(info: DatasetInfo, config: TrainRunConfig) -> str:
+    """Returns a sentence where a policy acts with a robot that is in no episode; else nothing."""
+    robots = {str(each.get("robot") or "") for each in info.episode_metadata if "task" in each}
+    if robots:
+        here, there = _robot(config, config.env.robot), sorted(_robot(config, name) for name in robots)
+    else:  # of another program, which says at most the kind that LeRobot knows
+        _, _, here = task_layout(config)
+        there = [info.robot_type or here]
+    if here in there:
+        return ""
+    return (
+        f"dataset={info.root} was recorded with {' and '.join(there)}, and the policy is evaluated with "
+        f"{here}. robot= names the robot of the evaluation."
+    )
+
+
+def _robot(config: TrainRunConfig, name: str) -> str:
+    """Returns a robot's name; that of the task's own where none is given."""
+    own = config.env.replace(robot="", scenario={}).make_task().robots
+    return name or "+".join(robot.name for robot in own)
 
 
 def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
@@ -92,7 +135,7 @@ def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
             f"task={named[0]}."
         )
     others = [task for task in named if task not in config.tasks]
-    if others and TASK_INDEX not in getattr(policies.policy_class(config.policy_name), "columns", ()):
+    if others and not policies.reads_instructions(config.policy_name):
         raise ConfigError(
             f"dataset={info.root} has episodes of {', '.join(others)}, too, and policy={config.policy_name} "
             f"reads no instruction that would tell them from {', '.join(config.tasks)}. Give a dataset of "

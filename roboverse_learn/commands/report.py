@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from envs.randomization.splits import SPLIT_NAMES
+from envs.spec import EnvSpec
 from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def success_table(evaluation: "Evaluation") -> Table:
     trained += f" together with {', '.join(others)}" if others else ""
     episodes = f"{result.protocol.episodes} episodes"
     how = "without training" if result.checkpoint.hash is None else f"trained on {trained}"
-    title = f"{result.env.task}, {result.policy}, {how}: success in {episodes}"
+    title = f"{in_scene(result.env.task, result.env)}, {result.policy}, {how}: success in {episodes}"
     table = Table(
         title=title,
         title_justify="left",
@@ -128,12 +129,23 @@ def success_table(evaluation: "Evaluation") -> Table:
     return table
 
 
+def in_scene(what: str, env: EnvSpec) -> str:
+    """Returns what was tested with the robot, simulator and renderer that are not the usual ones, if any.
+
+    As the board titles it: ``PickCube (robot=ur5e, simulator=sapien)``.
+    """
+    usual = EnvSpec()
+    keys = [key for key in ("robot", "simulator", "renderer") if getattr(env, key) != getattr(usual, key)]
+    return what + (f" ({', '.join(f'{key}={getattr(env, key)}' for key in keys)})" if keys else "")
+
+
 def instruction_table(evaluation: "Evaluation") -> Table:
     """How much the instruction matters: success with the right one, in each test, and the difference."""
     from benchmark.instruction_scores import instruction_scores
 
     result = evaluation.result
-    title = f"{result.env.task}, {result.policy}: success in the task when it is asked for otherwise, or not"
+    where = in_scene(result.env.task, result.env)
+    title = f"{where}, {result.policy}: success in the task when it is asked for otherwise, or not"
     table = Table(title=title, title_justify="left")
     for column in ("instruction", "split", "right instruction", "this one", "difference"):
         table.add_column(column, justify="left" if column in ("instruction", "split") else "right")

@@ -332,11 +332,21 @@ def _other_file(folder: Path) -> str | None:
 
 
 def _check_same(folder: Path, config: TrainRunConfig) -> None:
-    """Refuses to continue a run as another one."""
-    if what := _changes(read_config(folder), config):
+    """Refuses to continue a run as another one, or with fewer steps than it has done."""
+    before = read_config(folder)
+    if what := _changes(before, config):
         raise ConfigError(
             f"The run '{folder}' was started with another configuration: you gave {what}. "
             "Leave these keys out to continue it, or leave out run= to start a new run."
+        )
+    done = max(
+        (int(each.name) for each in folder.glob("checkpoints/[0-9]*") if each.name.isdecimal()), default=0
+    )
+    given = config.train.steps
+    if given < min(done, before.train.steps):  # an agent's last steps may go beyond those that were wanted
+        raise ConfigError(
+            f"The run '{folder}' has done {done:,} steps, and train.steps={given} is fewer. Give more than "
+            f"{done} to continue it, leave train.steps out, or name another folder to start a new run."
         )
 
 

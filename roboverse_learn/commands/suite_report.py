@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from roboverse_learn.commands.report import board_paths, path_table, rate_text, wording_table
+from roboverse_learn.commands.report import board_paths, in_scene, path_table, rate_text, wording_table
 from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
 
 
@@ -37,7 +37,7 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
     first = next(iter(suite.evaluations.values())).result
     cells = [each.cell for each in suite.cells]
     episodes = first.protocol.episodes
-    title = f"{suite.suite}, {first.policy}: success in {episodes} episodes of each task"
+    title = f"{in_scene(suite.suite, first.env)}, {first.policy}: success in {episodes} episodes of each task"
     table = Table(title=title, title_justify="left")
     table.add_column("task", overflow="fold")
     for cell in cells:

@@ -20,6 +20,16 @@ _TYPED = {"policy_name": "policy", FROM: "from"}
 _ALIASES = {("evaluate", "policy.path"): "checkpoint", ("evaluate", "path"): "checkpoint"}
 """Keys that a command takes under another name too, the one that LeRobot's programs have."""
 
+_ELSEWHERE = {
+    ("view", "out"): "file",
+    ("collect", "out"): "dataset",
+    ("collect", "recordings"): "path",
+    ("teleoperate", "path"): "recordings",
+    ("train", "out"): "run",
+    ("evaluate", "out"): "results_dir",
+}
+"""Keys of other commands, by what stands for them in a command that has none of this name."""
+
 OPEN = {
     "task_kwargs": "variant=lift",
     "simulator_settings": "njmax=768",
@@ -115,7 +125,8 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
         valid = sorted({f"{full.partition('.')[0]}.*" if "." in full else full for full in names})
     known = [*names, *scenario_keys()] if SECTION in names else names
     by_part = {full.rpartition(".")[2]: full for full in reversed(known)} | {full: full for full in known}
-    hint = _of_other_policies(key) or suggest(key, by_part, by_part)
+    meant = _ELSEWHERE.get((command, key))
+    hint = f" Did you mean '{meant}'?" if meant else _of_other_policies(key) or suggest(key, by_part, by_part)
     return UnknownNameError(
         f"Unknown key '{key}' of {command}.{hint} Valid: {', '.join(valid)}. "
         f"See them all with: roboverse {command} --help"

@@ -5,7 +5,8 @@ The last of these that sets a value wins:
 1. the defaults of the dataclasses (:mod:`roboverse_learn.config.schema`),
 2. ``configs/policy/<policy>.yaml``, ``configs/preset/<preset>.yaml``,
    ``configs/policy_preset/<preset>_<policy>.yaml`` and
-   ``configs/task_preset/<task>/<preset>_<policy>.yaml``, composed by Hydra,
+   ``configs/task_preset/<task>/<preset>_<policy>.yaml``, composed by Hydra; over them, for ``train``, the
+   settings of the dataset that ``dataset=`` names,
 3. for ``train``, ``configs/recipe/<recipe>.yaml``, with the preset ``full``; for ``evaluate``, the
    values of the protocol that ``protocol=`` names,
 4. the saved configuration of the run that ``run=`` names, in place of 1 to 3,
@@ -45,6 +46,7 @@ from roboverse_learn.config.command_line_keys import (
 from roboverse_learn.config.demonstration_keys import check_demonstration_keys
 from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.config.recipes import check_beside, read_recipe
+from roboverse_learn.config.recorded_settings import recorded_values
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
 from roboverse_learn.config.suite_check import check_keys_of_chains, check_suite
@@ -105,8 +107,11 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     _check_paths(keys, settings, defaults)
     check_demonstration_keys(command, policy, keys)
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
-    task_preset = _task_preset(str(typed.get("task") or defaults.get("task", "")), preset, policy)
-    values = merged(copy.deepcopy(_composed(command, policy, preset, task_preset)), of_recipe)
+    recorded = _recorded(command, settings)
+    task = typed.get("task") or recorded.get("task") or defaults.get("task", "")
+    task_preset = _task_preset(str(task), preset, policy)
+    values = merged(copy.deepcopy(_composed(command, policy, preset, task_preset)), recorded)
+    values = merged(values, of_recipe)
     if saved.get("policy_name") == policy:
         values = saved | ({"preset": preset} if "preset" in typed else {})
     if command == "evaluate":
@@ -153,11 +158,9 @@ def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) ->
     given = values.get("task", "")
     if command == "train" and values["suite"] and "tasks" in values["policy"]:
         given, values["suite"] = list(suite_tasks(values["suite"])), ""
-    one = isinstance(given, str) and not (given.startswith("[") and given.endswith("]"))
-    if one or command != "train":
+    if command != "train":
         return
-    text = given[1:-1].split(",") if isinstance(given, str) else given
-    first, *others = [str(name).strip() for name in text] or [""]
+    first, *others = _task_names(given)
     values["task"] = first
     if not others:
         return
@@ -167,6 +170,25 @@ def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) ->
             "policy=mtact learns several by their instructions; or give one task."
         )
     values["policy"]["tasks"] = [*others, *(values["policy"]["tasks"] if names_others else ())]
+
+
+def _task_names(given: Any) -> list[str]:
+    """Returns the tasks of ``task=``: one, or a list as it is typed or as a program has it."""
+    if not isinstance(given, str):
+        names = given
+    elif given.startswith("[") and given.endswith("]"):
+        names = given[1:-1].split(",")
+    else:
+        return [given]
+    return [str(name).strip() for name in names] or [""]
+
+
+def _recorded(command: str, settings: Sequence[tuple[str, str, Any]]) -> dict[str, Any]:
+    """Returns what ``train`` takes from the dataset that it is given; a suite names its tasks itself."""
+    said = {key: value for _, key, value in settings}
+    if command != "train" or not said.get("dataset") or said.get("suite"):
+        return {}
+    return recorded_values(str(said["dataset"]), _task_names(said["task"]) if said.get("task") else [])
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import policies
+from envs.core.docstrings import plain
 from envs.core.errors import unknown_name
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
@@ -293,7 +294,7 @@ def documented(cls: type) -> Iterator[tuple[str, str]]:
     for base in reversed(cls.__mro__):
         docstring = inspect.cleandoc(base.__doc__ or "")
         for name, text in re.findall(r"^    (\w+): (.+(?:\n {8,}.+)*)", docstring, re.MULTILINE):
-            yield name, " ".join(text.replace("``", "").split())
+            yield name, " ".join(plain(text).split())
 
 
 def _shown(value: Any) -> str:

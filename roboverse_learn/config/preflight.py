@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import policies
+from envs.core.atomic import file_in_place_of_folder, not_a_folder
 from envs.core.errors import ConfigError, RoboVerseError, suggest
 from envs.spec import EnvSpec
 from roboverse_learn.config.schema import CollectConfig, TrainRunConfig
@@ -14,7 +15,7 @@ from roboverse_learn.data.dataset.info import datasets_in
 from roboverse_learn.data.dataset.recovery import refuse_other_files
 from roboverse_learn.data.dataset.schema import INFO_PATH
 
-_FOLDER_KEYS = ("dataset", "datasets_dir", "run", "runs_dir", "results_dir", "out")
+_FOLDER_KEYS = ("dataset", "datasets_dir", "recordings", "run", "runs_dir", "results_dir", "out")
 _A_FILE = "the path of a file, or package:path for one inside an installed package"
 _A_MATERIAL = "the name of a material, or of an image in the folder that {}=+<folder> adds"
 
@@ -88,16 +89,6 @@ def _try_writing(path: Path) -> None:
     """Makes and removes a folder in the first folder of a path that exists."""
     existing = next(each for each in (path, *path.absolute().parents) if each.is_dir())
     os.rmdir(tempfile.mkdtemp(prefix=".roboverse-", dir=existing))
-
-
-def file_in_place_of_folder(path: Path) -> Path | None:
-    """Returns the file at ``path`` or above it, which keeps ``path`` from being a folder."""
-    return next((each for each in (path, *path.parents) if each.exists() and not each.is_dir()), None)
-
-
-def not_a_folder(file: Path) -> str:
-    """Returns the message for a file where a folder is meant."""
-    return f"'{file}' is a file, not a folder. Name another folder, or move the file away."
 
 
 def check_installed(env: EnvSpec) -> None:

@@ -120,9 +120,9 @@ class EvaluationConfig:
         for channel in self.alone:
             channels_of(only=channel)
         check_ranges(self, above_0=("episodes", "num_envs"), from_0=("videos", "protocol_seed"))
+        check_instruction_tests(self.instructions, self.levels, self.width)
         if not self.splits or not (self.levels or self.alone):
             raise ConfigError("evaluate needs a split and a level, as in splits=[test] levels=[0,1,2,3].")
-        check_instruction_tests(self.instructions, self.levels, self.width)
         _within_splits(self.splits, "episodes", self.episodes)
 
 
@@ -145,8 +145,8 @@ class CollectConfig:
         only_corrections: Of recordings of teleoperation in which a policy acted, take the person's part
             alone: from where the person took over for the last time.
         from_dataset: Folder of a dataset whose demonstrations are augmented, retargeted or rendered again.
-        dataset: Folder of the dataset; empty for one named after the configuration. train collects only
-            where none is named, and takes any LeRobotDataset v3, also of another robot.
+        dataset: Folder of the dataset; empty for one named after the configuration. train takes any
+            LeRobotDataset v3, and from it what is not given; without one it collects.
         collect: How demonstrations are collected.
         augment: How demonstrations are augmented.
         tasks_at_once: How many of several tasks are collected, and by train evaluated, in parallel, each in a

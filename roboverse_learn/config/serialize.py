@@ -14,6 +14,7 @@ from typing import Any
 import policies
 from envs.core.errors import ConfigError, unknown_name, wrong_value
 from envs.core.json_values import to_json_values
+from envs.randomization.levels import unknown_level
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
 from roboverse_learn.config.command_line_keys import OF_YOUR_OWN, flat_keys, unknown_key
@@ -163,5 +164,14 @@ def _readable(error: Any, prefix: str) -> ConfigError:
         if isinstance(cause, Exception):  # a check of the dataclass, whose message is complete
             lines.append(str(cause))
         else:
-            lines.append(f"{prefix}{'.'.join(map(str, item['loc']))}: {wrong_value(item)}")
+            lines.append(_of_level(item) or f"{prefix}{'.'.join(map(str, item['loc']))}: {wrong_value(item)}")
     return ConfigError(" ".join(dict.fromkeys(lines)))
+
+
+def _of_level(item: Mapping[str, Any]) -> str:
+    """Returns the message for a level that is no number, or nothing where the value is no level."""
+    if not item["type"].startswith("int_"):
+        return ""
+    if item["loc"][-1] == "level":
+        return str(unknown_level(item["input"]))
+    return str(unknown_level(item["input"], "alone=[{}]")) if item["loc"][-2:-1] == ("levels",) else ""

@@ -188,8 +188,20 @@ def open_recordings(folder: Path) -> dict[Path, dict[str, Any]]:
     """
     files = recordings_in(folder)
     if not files:
-        raise DatasetError(
-            f"path={folder}: there is no recording of teleoperation (*{SUFFIX}). Make some with: "
-            "roboverse teleoperate task=<name>"
-        )
+        raise DatasetError(_no_recordings(folder))
     return {path: read_facts(path) for path in files}
+
+
+def _no_recordings(folder: Path) -> str:
+    """Returns the message for a path that is no folder of recordings."""
+    inside = [path for path in sorted(folder.glob("*")) if path.is_dir()]
+    meant = [folder.parent] if folder.is_file() else inside
+    found = next((path for path in meant if recordings_in(path)), None)
+    if folder.is_file():
+        what = f"this is a file, and needed is the folder that holds the recordings (*{SUFFIX})"
+    elif folder.exists():
+        what = f"there is no recording of teleoperation (*{SUFFIX})"
+    else:
+        what = "there is no such folder"
+    near = f" Did you mean path={found}?" if found else ""
+    return f"path={folder}: {what}.{near} Make some with: roboverse teleoperate task=<name>"

@@ -51,6 +51,22 @@ class Steering:
     folder: RecordingFolder
     drawing: "threading.Lock" = field(default_factory=threading.Lock)
 
+    @property
+    def nothing_to_do(self) -> str:
+        """Why nobody needs to steer, and how to record more; empty where there is something to steer."""
+        if any(session.phase is not Phase.OVER for session in self.sessions):
+            return ""
+        kept, wanted = self.book.kept, self.book.wanted
+        if not self.book.is_full:
+            return (
+                f"'{self.folder.root}' holds {kept} of {wanted} successes, and no episode of the train split "
+                "is left to steer. Record in another folder: recordings=<folder>."
+            )
+        return (
+            f"'{self.folder.root}' already holds {kept} of {wanted} successes. Record more with "
+            f"num_demos={kept + wanted}, or in another folder with recordings=<folder>."
+        )
+
 
 @contextlib.contextmanager
 def prepared(config: TeleoperateConfig, recordings: Path) -> Iterator[Steering]:

@@ -69,6 +69,7 @@ class Station:
         self._looking: dict[str, CameraCfg] = {}
         self.scene = scene_of(env.env_spec)
         self.protocol_seed = env.protocol_seed
+        self._read()  # where every episode is done already none starts, and a page asks for the hand
 
     @property
     def instruction(self) -> str:

@@ -138,6 +138,17 @@ def test_results_are_kept_and_only_missing_chains_are_run(monkeypatch, tmp_path)
     }
 
 
+def test_a_policy_is_shown_by_the_chains_of_one_commit_and_seed(tmp_path):
+    path, facts = tmp_path / "chains.json", {"command": "before", "git_sha": "abc", "seed": 0}
+    for index in range(3):
+        ChainResults(path, "mine", facts).add(index, 5)
+    for index in (7, 8):
+        ChainResults(path, "mine", facts | {"git_sha": "def"}).add(index, 1)
+    assert read_results(path) == {"mine": {0: 5, 1: 5, 2: 5}}
+    ChainResults(path, "mine", facts | {"git_sha": "def", "command": "again"}).add(9, 2)
+    assert read_results(path) == {"mine": {7: 1, 8: 1, 9: 2}}
+
+
 @pytest.mark.parametrize("other", [{"git_sha": "1234"}, {"git_sha": None}, {"seed": 1}])
 def test_chains_of_another_commit_or_seed_are_run_again(other, tmp_path):
     path, facts = tmp_path / "chains.json", {"command": "now", "git_sha": "abc", "seed": 0}

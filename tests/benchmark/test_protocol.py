@@ -105,7 +105,7 @@ def test_instruction_tests_follow_on_the_episodes_of_level_0():
     ("arguments", "message"),
     [
         ({"instructions": ("rong",)}, r"instruction test 'rong'.*Did you mean 'wrong'"),
-        ({"instructions": ("wrong",), "levels": (1,)}, r"which is level 0; add it: levels=\[0, 1\]"),
+        ({"instructions": ("wrong",), "levels": (1,)}, r"which is level 0; add it: levels=\[0,1\]\."),
         ({"instructions": ("wrong",), "width": 0.1}, r"compared episode by episode, and width=0.1"),
         ({"instructions": ("wrong", "wrong")}, r"instructions must differ from each other"),
     ],

@@ -13,7 +13,7 @@ from benchmark.results import read_result, result_path, write_result
 from envs.core.errors import ResultError, WriteError
 from envs.core.fingerprint import fingerprint
 
-AGAIN = r"Remove the file and evaluate the checkpoint again\."
+AGAIN = r"Move the file away and evaluate the checkpoint again\."
 PROPERTY = settings(
     deadline=None,
     max_examples=40,

@@ -7,6 +7,7 @@ import pytest
 
 from docs.generate import simulators_page as page
 from envs.core.errors import MissingExtraError, UnknownNameError
+from envs.core.extras import checkout_command
 from envs.simulators import HANDLERS, RENDERERS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -25,7 +26,7 @@ def test_every_simulator_and_renderer_has_a_row_with_its_install_line():
             extra = registry.entry(name).extra
             (row, *_) = [line for line in text.splitlines() if line.startswith(f"| `{name}` |")]
             assert row.endswith("| not measured |")
-            assert (f"roboverse-learn[{extra}]" if extra else "with the package") in row
+            assert (f"`{checkout_command(extra)}`" if extra else "with the package") in row
 
 
 @pytest.mark.parametrize("name", RENDERERS.names())

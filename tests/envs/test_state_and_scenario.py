@@ -1,11 +1,14 @@
 """States, scenarios, registries, assets."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
 
 from envs.core.assets import resolve
 from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError, suggest
+from envs.core.extras import install_command
 from envs.core.registry import Registry
 from envs.scenario import GeomCfg, LinkCfg, ObjectCfg, PhysicsCfg, ScenarioCfg
 from envs.state import EntityState, State
@@ -81,7 +84,8 @@ def test_a_registry_imports_late_and_explains():
     ):
         registry.get("orderd")
     with pytest.raises(
-        MissingExtraError, match=r"needs the package 'no_such_package'.*roboverse-learn\[things\]"
+        MissingExtraError,
+        match=f"needs the package 'no_such_package'.*{re.escape(install_command('things'))}",
     ):
         registry.get("absent")
     with pytest.raises(ValueError, match="'ordered' is registered already"):

@@ -170,7 +170,7 @@ def test_a_results_file_that_was_changed_stops_the_leaderboard(
     path.write_text(json.dumps(json.loads(main_run.result.read_text()) | changed))
     said = error(["leaderboard", f"results_dir={tmp_path}"])
     assert named in said and path.name in said
-    assert "Remove the file and evaluate the checkpoint again" in said  # every message says what to do
+    assert "Move the file away and evaluate the checkpoint again" in said  # every message says what to do
     assert list(tmp_path.rglob("leaderboard.*")) == []
 
 

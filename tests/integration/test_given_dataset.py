@@ -167,8 +167,8 @@ def test_a_dataset_of_ours_is_trained_on_and_never_collected_into(
     recorded = json.loads((root / COLLECTION_PATH).read_text())
     changing = recorded | {"settings": recorded["settings"] | {"steps_per_look": 1}}
     (root / COLLECTION_PATH).write_text(json.dumps(changing))
-    assert cli.main(words) == 2
-    assert "was begun with steps_per_look=1; now given: steps_per_look=None" in capsys.readouterr().err
+    assert cli.main([*words, "steps_per_look=2"]) == 2
+    assert "was begun with steps_per_look=1; now given: steps_per_look=2" in capsys.readouterr().err
     # Without the record of its collection, each episode still says its task and level.
     (root / COLLECTION_PATH).unlink()
     assert cli.main([*words, "level=3", "train.steps=2"]) == 0

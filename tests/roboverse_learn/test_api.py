@@ -90,6 +90,28 @@ def test_actions_of_a_wrong_shape_are_an_error():
         api.evaluate(lambda _: np.zeros(9), "PickCube", **TINY)
 
 
+def test_a_checkpoint_can_be_given_by_its_key(tmp_path):
+    for given in ({"policy": tmp_path}, {"checkpoint": tmp_path}, {"checkpoint": str(tmp_path)}):
+        with pytest.raises(PolicyError, match=f"Checkpoint '{tmp_path}' has no config"):
+            api.evaluate(**given, task="PickCube", results_dir=str(tmp_path / "results"))
+
+
+def test_nothing_to_evaluate_is_an_error_that_says_what_to_give():
+    with pytest.raises(ConfigError, match=r"needs checkpoint=<folder>.*policy=expert or policy=hold"):
+        api.evaluate(task="PickCube")
+
+
+def test_a_misspelt_policy_is_an_error_with_the_nearest_name():
+    with pytest.raises(UnknownNameError, match=r"Unknown key 'polcy' of evaluate\. Did you mean 'policy'"):
+        api.evaluate(polcy="random", task="PickCube")
+
+
+@pytest.mark.parametrize("policy", ["random", "some/folder", lambda _: np.zeros((2, 9))])
+def test_a_policy_and_a_checkpoint_are_one_too_many(policy):
+    with pytest.raises(ConfigError, match=r"A policy and checkpoint=x are both given.*Leave one out"):
+        api.evaluate(policy, "PickCube", checkpoint="x")
+
+
 def test_a_function_needs_a_task():
     with pytest.raises(ConfigError, match="needs a task"):
         api.evaluate(lambda _: np.zeros((2, 9)))

@@ -243,7 +243,11 @@ def read_record(root: Path) -> tuple[dict[str, Any], set[int]]:
 
 
 def check_settings(
-    root: Path, before: Mapping[str, Any], now: Mapping[str, Any], keys: Collection[str] | None = None
+    root: Path,
+    before: Mapping[str, Any],
+    now: Mapping[str, Any],
+    keys: Collection[str] | None = None,
+    advice: str = "Use the same settings, or choose another folder.",
 ) -> None:
     """Checks that a dataset was collected with the settings that are given.
 
@@ -252,6 +256,7 @@ def check_settings(
         before: Its settings.
         now: Those that are given.
         keys: Which of them must be the same; all by default.
+        advice: What to do where some differ.
 
     Raises:
         DatasetError: Some differ.
@@ -262,7 +267,7 @@ def check_settings(
     if other:
         raise DatasetError(
             f"The dataset '{root}' was begun with {_words(before, other)}; now given: {_words(now, other)}. "
-            "Use the same settings, or choose another folder."
+            f"{advice}"
         )
 
 

@@ -41,12 +41,24 @@ def check_same_scene(
         if was != wanted:
             raise ConfigError(
                 f"The dataset '{folder}' was recorded with {was}, and {wanted} was requested. Its states "
-                "belong to their own scene alone: give what they were recorded with."
+                f"belong to their own scene alone: {_advice(folder, key, recorded, env)}"
             )
+
+
+def _advice(folder: str, key: str, recorded: Mapping[str, Any], env: EnvSpec) -> str:
+    """Returns what to give in place of a field that differs."""
+    if key != "robot":
+        return "give what they were recorded with."
+    was = recorded.get("robot")
+    own = f"add robot={was}." if was else "leave out robot=."
+    other = env.make_task().robot.name
+    return f"{own} For demonstrations of '{other}': source=retarget from={folder} robot={other}."
 
 
 def _words(key: str, value: Any) -> str:
     """Returns a field of the environment as it is typed."""
+    if key == "robot" and not value:
+        return "the task's own robot"
     if isinstance(value, str):
         return f"{key}={value}"
     keys = flat_keys(value, f"{key}.")

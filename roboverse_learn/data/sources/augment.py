@@ -9,9 +9,11 @@ from typing import Any, ClassVar, override
 
 from envs.core.atomic import write_json
 from roboverse_learn.data.augmentation.config import AugmentConfig
+from roboverse_learn.data.dataset.damage import read_json
 from roboverse_learn.data.dataset.schema import EpisodeData
-from roboverse_learn.data.sources.base import DemonstrationSource
+from roboverse_learn.data.sources.base import DemonstrationSource, Progress
 from roboverse_learn.data.sources.expert import ExpertEpisodes
+from roboverse_learn.data.sources.made_from import refuse_changed_origin
 
 _LOG = logging.getLogger(__name__)
 
@@ -47,6 +49,15 @@ class AugmentSource(DemonstrationSource):
         """Reads the source demonstrations, and finds their pieces."""
         if self.found.left_out:
             _LOG.warning("%s", self.found)
+
+    @override
+    def prepare(self, dataset: Path, progress: Progress) -> None:
+        """Refuses a dataset that was made when the source demonstrations were others."""
+        made = read_json(dataset / AUGMENT_PATH) if (dataset / AUGMENT_PATH).is_file() else {}
+        then = sum(len(made.get(key, ())) for key in ("demonstrations", "left_out"))
+        now = len(self.found.sources) + len(self.found.left_out)
+        origin = self.config.from_dataset
+        refuse_changed_origin(dataset, self.identity(), "sources", origin, then=then, now=now)
 
     @override
     def name_part(self) -> str:

@@ -17,8 +17,9 @@ from envs.rollout import in_order, rollout
 from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
-from roboverse_learn.data.sources.base import DemonstrationSource
+from roboverse_learn.data.sources.base import DemonstrationSource, Progress
 from roboverse_learn.data.sources.expert import ExpertEpisodes
+from roboverse_learn.data.sources.made_from import refuse_changed_origin
 
 _SAME = ("task", "task_kwargs", "robot", "scenario")
 """Fields of the environment in which the states must have been recorded."""
@@ -49,6 +50,12 @@ class RerenderSource(DemonstrationSource):
         config, env = self.config, self.config.env
         first = RecordingReader(config.from_dataset).read(0).metadata
         check_same_scene(config.from_dataset, first, env, _SAME)
+
+    @override
+    def prepare(self, dataset: Path, progress: Progress) -> None:
+        """Refuses a dataset that was made when the other one was another."""
+        now = RecordingReader(self.config.from_dataset).info.num_episodes
+        refuse_changed_origin(dataset, self.identity(), "dataset", self.config.from_dataset, now=now)
 
     @override
     def name_part(self) -> str:

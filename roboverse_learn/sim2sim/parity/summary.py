@@ -1,5 +1,6 @@
 """Summaries of replays as JSON values: one file per task and pair of simulators."""
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from envs.core.errors import ConfigError
 from envs.scenario import ScenarioCfg
 from roboverse_learn.data.dataset.recording import Recording
 from roboverse_learn.sim2sim.parity.drift import UNITS, drift, over_time
@@ -89,6 +91,31 @@ def file_name(summary: Mapping[str, Any]) -> str:
     options = [f"{key}={value}" for key, value in sorted(summary.get("task_kwargs", {}).items())]
     parts = [summary["task"], *options, summary["recorded_in"], "to", summary["replayed_in"]]
     return re.sub(r"[^A-Za-z0-9._+=-]+", "_", "-".join(parts))
+
+
+def refuse_to_replace(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Checks that the file of a summary does not hold that of another dataset.
+
+    Args:
+        folder: Folder of summaries.
+        summary: What :func:`file_name` needs, and ``dataset`` and ``dataset_hash``; a summary that names no
+            dataset is of an earlier version and may be replaced.
+
+    Raises:
+        ConfigError: It does.
+    """
+    path = folder / f"{file_name(summary)}.json"
+    try:
+        there = json.loads(path.read_bytes())
+        other, its_hash = there["dataset"], there["dataset_hash"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return  # there is none, or the page will name what is wrong with it
+    given = summary["dataset"]
+    if its_hash != summary["dataset_hash"] and Path(other).resolve() != Path(given).resolve():
+        raise ConfigError(
+            f"'{path}' is of the replay of dataset={other}, and that of dataset={given} would take its "
+            f"place. Add out={folder / Path(given).resolve().name} to write beside it, or move the file away."
+        )
 
 
 def write(folder: Path, summary: Mapping[str, Any]) -> Path:

@@ -7,6 +7,9 @@ import pytest
 
 from benchmark.leaderboard import build as leaderboard
 from benchmark.leaderboard import html
+from benchmark.leaderboard.headline import MIN_EPISODES
+from benchmark.protocol import Protocol
+from benchmark.records import Checkpoint
 from benchmark.results import video_dir
 
 
@@ -191,3 +194,19 @@ def test_the_papers_numbers_are_marked(publish, tmp_path):
     assert "52.7 %" in text
     assert "not comparable with the rows above" in text
     assert leaderboard.build(tmp_path)["reference"]["url"] == "https://arxiv.org/abs/2504.18904"
+
+
+@pytest.mark.parametrize("kind", ["entry", "baseline", "study"])
+@pytest.mark.parametrize(("episodes", "few"), [(1, True), (MIN_EPISODES - 1, True), (MIN_EPISODES, False)])
+def test_a_rate_of_too_few_episodes_is_not_bold_and_has_their_number(publish, tmp_path, kind, episodes, few):
+    untrained = {"policy": "random", "dataset_hash": None, "train_level": None, "checkpoint": Checkpoint()}
+    changes = {"entry": {}, "baseline": untrained, "study": {}}[kind]
+    protocol = Protocol(levels=(0,), splits=("test",), episodes=episodes)
+    publish(protocol=protocol, recipe="act_v1" if kind == "entry" else "", rates=(1, 1, 1, 1), **changes)
+    found = pages(tmp_path)
+    page = "studies " if kind == "study" else ""
+    rows = [line for line in found[f"{page}markdown"].splitlines() if " 100 (" in line or "**100** (" in line]
+    said = f"{episodes} episode{'s' if episodes > 1 else ''})"
+    assert rows and all(("**100** (" in row, said in row) == (not few, few) for row in rows)
+    assert ('<td class="number few"' in found[f"{page}html"]) == few
+    assert (f"<small>{said[:-1]}</small>" in found[f"{page}html"]) == few

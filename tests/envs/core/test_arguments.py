@@ -85,3 +85,20 @@ def test_help_is_the_docstring(capsys):
         read("--help")
     said = capsys.readouterr().out
     assert said.startswith("python -m a.b key=value") and "draws: How many." in said
+
+
+def test_help_has_no_marks_of_cross_references_and_of_code(capsys):
+    @dataclass(frozen=True)
+    class Marked:
+        """Draws by :class:`~envs.spec.EnvSpec`, see :mod:`envs.spec`.
+
+        Attributes:
+            draws: ``1`` or more.
+        """
+
+        draws: int = 1
+
+    with pytest.raises(SystemExit, match="0"):
+        parse("python -m a.b", Marked, ["--help"])
+    said = capsys.readouterr().out
+    assert "Draws by envs.spec.EnvSpec, see envs.spec." in said and "draws: 1 or more." in said

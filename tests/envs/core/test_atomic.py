@@ -41,6 +41,16 @@ def test_a_file_in_place_of_a_cached_folder_is_an_error(tmp_path):
     assert (tmp_path / "meshes").read_text() == "a file"
 
 
+@pytest.mark.parametrize("below", ["a.json", "folder/a.json"])
+def test_a_file_in_place_of_the_folder_of_a_file_is_named_and_stays(tmp_path, below):
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(WriteError) as refused:
+        write_file(tmp_path / "file" / below, b"")
+    said = f"'{tmp_path / 'file'}' is a file, not a folder. Name another folder, or move the file away."
+    assert str(refused.value) == said
+    assert (tmp_path / "file").read_text() == "kept"
+
+
 def test_a_folder_in_place_of_a_file_is_named_and_stays(tmp_path):
     (tmp_path / "info.json").mkdir()
     with pytest.raises(WriteError, match=r"info\.json' is a folder, where a file belongs\. .* move it away"):

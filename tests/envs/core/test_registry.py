@@ -1,6 +1,7 @@
 """Registration: names, lazy targets, and what other packages add through entry points and plugins."""
 
 import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
+from envs.core.extras import install_command
 from envs.core.registry import PLUGINS_VARIABLE, Registry, registered_by_hand
 
 GROUP = "roboverse.test_things"
@@ -121,7 +123,7 @@ def test_unknown_name_suggests_nearest():
 def test_missing_package_names_the_extra_to_install():
     registry = Registry("thing")
     registry.add("x", "no_such_module:X", extra="things")
-    with pytest.raises(MissingExtraError, match=r"roboverse-learn\[things\]"):
+    with pytest.raises(MissingExtraError, match=re.escape(install_command("things"))):
         registry.get("x")
 
 

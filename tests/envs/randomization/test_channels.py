@@ -107,6 +107,8 @@ def test_a_named_level_is_no_number(named_level):
     named_level("turned", ("camera",))
     with pytest.raises(ConfigError, match=r"Unknown level 'turned'.*only=turned"):
         channels_of("turned")
+    with pytest.raises(ConfigError, match=r"Did you mean 'only=turned'"):
+        channels_of("turnd")
     with pytest.raises(UnknownNameError, match=r"Did you mean 'turned'"):
         channels_of(only="turnd")
 

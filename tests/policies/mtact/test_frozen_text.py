@@ -1,5 +1,6 @@
 """A frozen text encoder travels inside a checkpoint."""
 
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ import torch
 
 import policies
 from envs.core.errors import MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from policies.mtact.frozen_text import FrozenTextEncoder
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.learners import learner_of
@@ -111,5 +113,6 @@ def test_a_damaged_encoder_is_an_error(folder):
 
 def test_without_transformers_the_extra_is_named(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "transformers", None)
-    with pytest.raises(MissingExtraError, match=r"roboverse-learn\[language\].*scratch needs nothing"):
+    said = re.escape(install_command("language")) + r".*scratch needs nothing"
+    with pytest.raises(MissingExtraError, match=said):
         make(replace(CONFIG, text_encoder=str(folder)))

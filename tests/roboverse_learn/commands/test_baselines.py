@@ -1,6 +1,7 @@
 """``evaluate policy=…``: results of what needs no checkpoint."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -16,6 +17,7 @@ from roboverse_learn.config.schema import baselines
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.evaluate import evaluate
 
+RESULTS = Path(__file__).parents[3] / "results"
 WORDS = ["task=PickCube", "levels=[0]", "splits=[test]", "episodes=2", "evaluate.num_envs=2", "videos=0"]
 
 
@@ -34,6 +36,19 @@ def test_a_rule_is_evaluated_and_evaluated_once(tmp_path, capsys):
     again = result_of("random", tmp_path)
     assert again.created == result.created, "an evaluation of the same protocol is not run again"
     assert "random" in (tmp_path / "leaderboard.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_plots_that_are_printed_are_of_the_evaluated_task(tmp_path, capsys):
+    other = next((RESULTS / "v2/CloseBox/act").glob("act_v1-level0-seed0-*.json"))
+    copy = tmp_path / other.relative_to(RESULTS)
+    copy.parent.mkdir(parents=True)
+    copy.write_bytes(other.read_bytes())
+    result_of("random", tmp_path, "levels=[0,1]")
+    printed = "".join(capsys.readouterr().out.split())
+    drawn = {path.name for path in (tmp_path / "plots").iterdir()}
+    assert drawn == {"v2-closebox-mujoco-warp-warp.png", "v2-pickcube-mujoco-warp.png"}
+    assert "plots/v2-pickcube-mujoco-warp.png" in printed and "closebox" not in printed
 
 
 def test_an_unknown_device_is_refused_though_a_rule_uses_none(tmp_path, capsys):
@@ -137,7 +152,11 @@ def test_success_with_known_and_with_new_words_is_reported(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["instructions=[wrong]", "levels=[1]"], r"which is level 0; add it: levels=\[0, 1\]"),
+        (
+            ["instructions=[wrong]", "levels=[1]"],
+            r"=\[wrong\] .* is level 0; add it: levels=\[0,1\]\.",
+        ),
+        (["instructions=[wrong,empty]", "levels=[]"], r"\[wrong,empty\] .* add it: levels=\[0\]\."),
         (["instructions=[rong]"], "Did you mean 'wrong'"),
         (["instructions=[wrong]", "width=0.2"], "Leave one out"),
     ],

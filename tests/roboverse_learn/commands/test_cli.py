@@ -15,6 +15,7 @@ from benchmark.protocol import LEVELS
 from envs.core.errors import DatasetError, PolicyError
 from roboverse_learn import cli
 from roboverse_learn.config.compose import compose, preset_names
+from roboverse_learn.config.help import SUMMARIES
 from roboverse_learn.training.interruption import Interrupted
 
 HEAVY = (
@@ -152,7 +153,7 @@ def test_a_mistake_is_one_line_and_exit_code_2(
         *(("train", key) for key in ("dataset", "datasets_dir", "run", "runs_dir", "results_dir")),
         *(("collect", "dataset"), ("collect", "datasets_dir"), ("leaderboard", "results_dir")),
         *(("sweep", "runs_dir"), ("replay", "dataset"), ("conservation", "out"), ("convert", "out")),
-        ("export", "out"),
+        *(("export", "out"), ("teleoperate", "recordings")),
     ],
 )
 def test_folder_that_is_a_file_is_refused_before_the_run(
@@ -312,6 +313,14 @@ def test_the_help_of_a_command_explains_every_key(command: str, capsys: pytest.C
     for line in keys.splitlines():
         key, _, about = line.strip().partition("  ")
         assert "=" in key and about.strip(), f"{command} does not explain '{line.strip()}'"
+
+
+@pytest.mark.parametrize("command", ["", *SUMMARIES])
+def test_help_has_no_marks_of_docstrings(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    chosen = [f"policy={name}" for name in policies.names()] if command == "train" else [""]
+    for words in ([command, policy, "--help"] for policy in chosen):
+        assert cli.main([*filter(None, words)]) == 0
+    assert re.findall(r".*(?::\w+:`|``).*", capsys.readouterr().out) == []
 
 
 @pytest.mark.parametrize(

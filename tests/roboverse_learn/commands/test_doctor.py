@@ -8,6 +8,7 @@ import time
 import psutil
 import pytest
 
+from envs.core.extras import install_command
 from roboverse_learn import cli, doctor, extras
 
 
@@ -28,10 +29,32 @@ def test_json_has_every_part(without_processes, capsys, word):
     assert not [part for part, facts in report.items() if "failed" in facts]
 
 
+@pytest.mark.parametrize("words", [[], ["--json"]])
+def test_each_process_is_named_before_it_starts_and_the_report_is_as_without(
+    monkeypatch, capsys, caplog, words
+):
+    said = []
+
+    def answer(command, **how):
+        said.append([record.getMessage() for record in caplog.records])
+        return subprocess.CompletedProcess(command, 0, stdout='{"asked": "all"}\n', stderr="")
+
+    monkeypatch.setattr(doctor.subprocess, "run", answer)
+    monkeypatch.setattr(doctor, "_gpu_driver", lambda: "none")
+    with caplog.at_level("INFO", "roboverse_learn.doctor"):
+        assert cli.main(["doctor", *words]) == 0
+    last = [lines[-1] for lines in said if lines and lines[-1].startswith("Looking at")]
+    assert last[:3] == [
+        f"Looking at {what} …" for what in ("torch and GPUs", "videos", "the renderer filament")
+    ]
+    assert last[-1] == "Looking at the speed of training …" and len(set(last)) == len(last)
+    assert "Looking at" not in capsys.readouterr().out
+
+
 def test_a_missing_extra_says_how_to_install_it(without_processes, monkeypatch):
     monkeypatch.setattr(extras, "_is_there", lambda name: name != "h5py")
     found = doctor.extras()
-    assert found["import"] == "without h5py; pip install 'roboverse-learn[import]'"
+    assert found["import"] == f"without h5py; {install_command('import')}"
     assert found["metaworld"] == "installed"
 
 

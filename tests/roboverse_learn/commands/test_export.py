@@ -25,6 +25,15 @@ def test_a_checkpoint_must_be_named_and_exist(capsys, tmp_path):
     assert "does not exist" in refused([f"checkpoint={tmp_path / 'none'}"], capsys)
 
 
+@pytest.mark.parametrize(
+    ("to", "meant"), [("so101_folower", "so101_follower"), ("so101", "so101_follower"), ("banana", "")]
+)
+def test_an_unknown_robot_is_refused_before_a_checkpoint_is_looked_for(capsys, tmp_path, to, meant):
+    said = refused([f"to={to}", f"checkpoint={tmp_path / 'none'}"], capsys)
+    hint = f" Did you mean '{meant}'?" if meant else ""
+    assert f"Unknown robot to={to}.{hint} Valid: so101_follower, the robots of LeRobot's" in said
+
+
 def test_a_checkpoint_of_no_run_is_refused(capsys, tmp_path):
     (tmp_path / "config.json").write_text("{}")
     assert "in no run of roboverse train" in refused([f"checkpoint={tmp_path}"], capsys)

@@ -4,10 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from envs.core.errors import ConfigError
+from envs.core.atomic import write_json
+from envs.core.errors import ConfigError, DatasetError
 from roboverse_learn.commands.dataset_layout import task_layout
-from roboverse_learn.commands.given_dataset import _check_tasks, _misfit
+from roboverse_learn.commands.given_dataset import _check_tasks, _misfit, _other_robot, given_dataset
 from roboverse_learn.config.compose import compose
+from roboverse_learn.data import DatasetWriter
+from roboverse_learn.data.dataset.schema import COLLECTION_PATH
+from roboverse_learn.data.sources.base import DemonstrationSource
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
 
 
 def said(rename):
@@ -48,3 +53,66 @@ def test_a_policy_that_reads_no_instruction_takes_no_dataset_of_further_tasks():
 
 def test_a_policy_that_reads_instructions_takes_it():
     _check_tasks(TWO_TASKS, compose("train", ["task=PickCube", "policy=mtact"]))
+
+
+@pytest.fixture
+def collected(tmp_path):
+    """A dataset that was collected with ``cameras=[]``, which is the front camera alone."""
+    root = tmp_path / "dataset"
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        writer.add_episode(make_episode(0))
+    settings = DemonstrationSource(compose("collect", ["task=PickCube", "image_size=32"])).settings()
+    assert list(settings["cameras"]) == []
+    write_json(root / COLLECTION_PATH, {"settings": settings, "failed": []})
+    return root
+
+
+@pytest.mark.parametrize("words", [[], ["cameras=[front]"], ["task=PickCube", "image_size=32", "cameras=[]"]])
+def test_cameras_are_compared_by_their_names(collected, words):
+    config = compose("train", ["policy=act", "preset=quick", f"dataset={collected}", *words])
+    assert given_dataset(config).config == config
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("cameras=[wrist]", r"begun with cameras=\['front'\]; now given: cameras=\['wrist'\]"),
+        ("cameras=[all]", r"begun with cameras=\['front'\]; now given: cameras=\['front', 'wrist'\]"),
+        ("image_size=64", r"begun with image_size=32; now given: image_size=64"),
+        ("robot=ur5e", r"begun with robot=None; now given: robot='ur5e'"),
+        ("task=StackCube", r"task='PickCube'; now given: .*task='StackCube'"),
+    ],
+)
+def test_a_setting_that_is_given_and_differs_is_refused_with_both_values(collected, word, said):
+    config = compose("train", ["policy=act", f"dataset={collected}", word])
+    with pytest.raises(DatasetError, match=said + r".*Leave out what differs to take the dataset's"):
+        given_dataset(config)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "acts", "said"),
+    [
+        (["ur5e"], "ur5e", ""),
+        (["ur5e", ""], "ur5e", ""),
+        (["ur5e", ""], "", ""),
+        (["ur5e"], "iiwa", "was recorded with ur5e, and the policy is evaluated with iiwa."),
+        ([""], "iiwa", "was recorded with franka, and the policy is evaluated with iiwa."),
+        (["ur5e", "iiwa"], "", "was recorded with iiwa and ur5e, and the policy is evaluated with franka."),
+    ],
+)
+def test_a_robot_that_recorded_nothing_is_named(recorded, acts, said):
+    episodes = [{"task": "PickCube", "robot": robot} for robot in recorded]
+    info = SimpleNamespace(root="datasets/arms", episode_metadata=episodes)
+    words = _other_robot(info, compose("train", ["task=PickCube", *([f"robot={acts}"] if acts else [])]))
+    assert said in words and bool(said) == bool(words)
+
+
+def test_a_robot_of_another_program_is_named_by_its_kind():
+    info = SimpleNamespace(root="datasets/arm", episode_metadata=[{}], robot_type="so100_follower")
+    config = compose("train", ["task=so101/pick_cube"])
+    assert "recorded with so100_follower, and the policy is evaluated with so101" in _other_robot(
+        info, config
+    )
+    for kind in ("so101_follower", None):
+        info.robot_type = kind
+        assert _other_robot(info, config) == ""

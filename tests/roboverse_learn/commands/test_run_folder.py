@@ -116,6 +116,25 @@ def test_run_names_a_run_to_continue_with_its_own_configuration() -> None:
         assert continued.folder == run.folder
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_run_is_not_continued_with_fewer_steps_than_it_has_done() -> None:
+    with RunFolder.open(config("train.steps=2000"), COMMAND) as run:
+        (run.folder / "checkpoints/001500").mkdir(parents=True)
+    before = files_of(run.folder)
+    fewer = compose("train", [f"run={run.folder}", "train.steps=1000"])
+    with pytest.raises(
+        ConfigError, match=r"has done 1,500 steps, and train.steps=1000 is fewer. Give more th"
+    ):
+        RunFolder.open(fewer, COMMAND)
+    assert files_of(run.folder) == before
+    for steps in (1500, 1800, 3000):  # those that it has done, fewer than were wanted, and more
+        with RunFolder.open(compose("train", [f"run={run.folder}", f"train.steps={steps}"]), COMMAND):
+            assert read_config(run.folder).train.steps == steps
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=256", "policy=diffusion", "num_demos=3"])
 def test_a_run_is_not_continued_as_another(word: str) -> None:

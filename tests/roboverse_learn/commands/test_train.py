@@ -1,5 +1,6 @@
 """The glue of the main command: what it refuses, where datasets lie, what it prints."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,13 @@ from roboverse_learn import train as command
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.dataset_layout import dataset_layout
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
-from roboverse_learn.commands.report import collection_report, evaluation_report, train_report
+from roboverse_learn.commands.report import (
+    collection_report,
+    evaluation_report,
+    instruction_table,
+    success_table,
+    train_report,
+)
 from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.collection.collect import CollectionSummary
@@ -178,6 +185,23 @@ def test_the_table_has_the_test_split_first_with_its_interval(evaluation: Evalua
     )
     assert header.index("test split") < header.index("train split")
     assert "50 % [9, 91]" in row and "100 % [34, 100]" in row and "metallic" in row
+
+
+@pytest.mark.parametrize(
+    ("changes", "scene"),
+    [
+        ({"robot": "ur5e"}, "PickCube (robot=ur5e)"),
+        ({"simulator": "sapien", "renderer": "gl"}, "PickCube (simulator=sapien, renderer=gl)"),
+        ({"image_size": 32}, "PickCube"),
+    ],
+)
+def test_the_title_names_what_is_not_usual_of_the_scene(
+    evaluation: Evaluation, changes: dict[str, Any], scene: str
+) -> None:
+    env = evaluation.result.env.replace(**changes)
+    moved = dataclasses.replace(evaluation, result=dataclasses.replace(evaluation.result, env=env))
+    assert success_table(moved).title == f"{scene}, act, trained on level 0: success in 2 episodes"
+    assert str(instruction_table(moved).title).startswith(f"{scene}, act: success in the task when")
 
 
 def test_the_paths_of_everything_are_printed(evaluation: Evaluation) -> None:

@@ -1,6 +1,7 @@
 """``roboverse view``: what is recorded of an episode, and its errors."""
 
 import os
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 
 from envs.core.errors import ConfigError, DatasetError, MissingExtraError
+from envs.core.extras import install_command
 from envs.spec import EnvSpec
 from roboverse_learn.config.compose import compose
 from roboverse_learn.view import has_display, view
@@ -36,7 +38,7 @@ def test_keys_that_exclude_each_other_are_refused(words: list[str], said: str) -
 
 def test_absent_library_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'roboverse-learn\[viewer\]'"):
+    with pytest.raises(MissingExtraError, match=re.escape(install_command("viewer"))):
         view(compose("view", []))
 
 

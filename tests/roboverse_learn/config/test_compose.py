@@ -293,6 +293,23 @@ def test_a_level_that_does_not_exist_is_named() -> None:
 
 
 @pytest.mark.parametrize(
+    ("command", "word", "said"),
+    [
+        ("collect", "level=camera", r"'camera' is a channel: give only=camera\."),
+        ("train", "level=camra", r"Did you mean 'only=camera'\?"),
+        ("train", "level=hardest", r"Channels and named levels are given by only=<name>"),
+        ("collect", "level=1.5", r"lighting\.$"),
+        ("train", "evaluate.levels=[0,camera]", r"'camera' is a channel: give alone=\[camera\]\."),
+        ("evaluate", "levels=[camera]", r"'camera' is a channel: give alone=\[camera\]\."),
+    ],
+)
+def test_a_level_that_is_no_number_says_which_key_takes_it(command: str, word: str, said: str) -> None:
+    given = word.partition("=")[2].strip("[]").split(",")[-1]
+    with pytest.raises(ConfigError, match=rf"Unknown level '{given}'\. Valid levels: 0: task; .*{said}"):
+        compose(command, ["checkpoint=runs/x", word] if command == "evaluate" else [word])
+
+
+@pytest.mark.parametrize(
     ("word", "nearest"), [("policy", "policy="), ("polcy", "policy="), ("taks", "task="), ("leve", "level=")]
 )
 def test_word_without_a_value_suggests_nearest_key(word: str, nearest: str) -> None:
@@ -378,3 +395,20 @@ def test_a_program_may_pass_on_an_empty_default_and_no_other_empty_folder() -> N
     assert compose("collect", (), {"dataset": "", "materials": ""}).dataset == ""
     with pytest.raises(ConfigError, match=r"^results_dir= is empty"):
         compose("leaderboard", (), {"results_dir": ""})
+
+
+@pytest.mark.parametrize(
+    ("command", "key", "meant"),
+    [
+        ("view", "out", "file"),
+        ("collect", "out", "dataset"),
+        ("collect", "recordings", "path"),
+        ("teleoperate", "path", "recordings"),
+        ("train", "out", "run"),
+    ],
+)
+def test_a_key_of_another_command_names_what_stands_for_it(command: str, key: str, meant: str) -> None:
+    with pytest.raises(
+        UnknownNameError, match=rf"Unknown key '{key}' of {command}. Did you mean '{meant}'\?"
+    ):
+        compose(command, [f"{key}=x"])

@@ -1,5 +1,6 @@
 """Each part of the speed programs, as small as it gets, on a CPU. No ratio is asserted."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,6 +8,7 @@ import pytest
 import torch
 
 from envs.core.errors import MissingExtraError, SimulatorError
+from envs.core.extras import install_command
 from roboverse_learn.speed import agents, simulators
 from roboverse_learn.speed.agents import Agents
 from roboverse_learn.speed.bare_env import BareEnv
@@ -146,7 +148,8 @@ def test_replay_batches_have_one_size_and_are_of_one_episode(monkeypatch):
 
 def test_missing_torchrl_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "torchrl.data", None)
-    with pytest.raises(MissingExtraError, match=r"parts=\[replay\] compares .*roboverse-learn\[torchrl\]"):
+    needed = rf"parts=\[replay\] compares .*{re.escape(install_command('torchrl'))}"
+    with pytest.raises(MissingExtraError, match=needed):
         agents.torchrl_slices(3, 2, "cpu")
 
 

@@ -8,6 +8,8 @@ import urllib.request
 
 import pytest
 
+from roboverse_learn.config.compose import compose
+from roboverse_learn.teleoperate import teleoperate
 from tests import imported_process
 
 
@@ -39,3 +41,20 @@ def test_the_command_prints_an_address_and_ends_with_a_report_when_interrupted(t
 
 def text_of(file):
     return file.read_text() if file.exists() else ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("actor", ["person", "expert"])
+def test_a_folder_with_as_many_successes_as_wanted_opens_no_page_and_says_how_to_record_more(
+    tmp_path, caplog, actor
+):
+    steered = ["task=PickCube", "num_demos=1", "view_size=32", "port=0", "render=false"]
+    words = [*steered, f"recordings={tmp_path / 'recordings'}"]
+    teleoperate(compose("teleoperate", [*words, "actor=expert"]))
+    before = sorted(path.name for path in (tmp_path / "recordings").iterdir())
+    caplog.set_level("INFO")
+    report = teleoperate(compose("teleoperate", [*words, f"actor={actor}"]))
+    assert "already holds 1 of 1 successes. Record more with num_demos=2" in caplog.text
+    assert "Open http" not in caplog.text
+    assert sorted(path.name for path in (tmp_path / "recordings").iterdir()) == before
+    assert "recordings" in str(report.renderables[1])

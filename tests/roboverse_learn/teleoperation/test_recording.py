@@ -1,4 +1,5 @@
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -94,6 +95,22 @@ def test_recordings_of_another_robot_are_refused(tmp_path):
 def test_no_recordings_say_how_to_make_some(tmp_path):
     with pytest.raises(DatasetError, match="roboverse teleoperate task="):
         open_recordings(tmp_path)
+
+
+def test_a_path_that_is_no_folder_of_recordings_names_the_one_that_is_meant(tmp_path):
+    folder = RecordingFolder(tmp_path / "PickCube/recordings", SCENE)
+    file = folder.add(recording())
+    folder.close()
+    (tmp_path / "file").touch()
+    meant = f"Did you mean path={folder.root}? Make some with: roboverse teleoperate"
+    for path, said in (
+        (file, f"needed is the folder that holds the recordings (*{SUFFIX}). {meant}"),
+        (tmp_path / "PickCube", f"there is no recording of teleoperation (*{SUFFIX}). {meant}"),
+        (tmp_path / "file", f"needed is the folder that holds the recordings (*{SUFFIX}). Make some"),
+        (tmp_path / "none", "there is no such folder. Make some with"),
+    ):
+        with pytest.raises(DatasetError, match=re.escape(said)):
+            open_recordings(path)
 
 
 def test_lengths_that_do_not_fit_are_damage(tmp_path):

@@ -285,3 +285,10 @@ def test_a_gripper_that_undo_or_a_policy_has_set_is_kept_until_the_person_change
     move(session, 2, rate=RIGHT, gripper=-1.0)
     move(session, 2, rate=RIGHT, gripper=1.0)
     assert gripper(session) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_session_that_finds_every_success_there_already_is_over_and_can_be_shown(make_session, book):
+    book.wanted = 0
+    session = make_session()
+    assert session.phase is Phase.OVER
+    assert session.status()["hand"]["pos"] and session.status()["episode"] is None

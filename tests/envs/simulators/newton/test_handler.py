@@ -2,7 +2,9 @@
 
 import pytest
 
-pytest.importorskip("newton", reason="Newton is not installed: pip install 'roboverse-learn[newton]'")
+from envs.core.extras import install_command
+
+pytest.importorskip("newton", reason=f"Newton is not installed: {install_command('newton')}")
 
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.experts.check import check_expert

@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-pytest.importorskip("newton", reason="Newton is not installed: pip install 'roboverse-learn[newton]'")
+from envs.core.extras import install_command
+
+pytest.importorskip("newton", reason=f"Newton is not installed: {install_command('newton')}")
 
 from envs.core.errors import SimulatorError
 from envs.mjcf.link_tree import describe

@@ -7,7 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
+from envs.core.extras import install_command
+
+pytest.importorskip("sapien", reason=f"SAPIEN is not installed: {install_command('sapien')}")
 
 from envs.mjcf.collision import touching
 from envs.mjcf.link_tree import describe

@@ -5,7 +5,9 @@ import dataclasses
 import pytest
 import torch
 
-pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
+from envs.core.extras import install_command
+
+pytest.importorskip("sapien", reason=f"SAPIEN is not installed: {install_command('sapien')}")
 
 from envs.core.errors import ConfigError, SimulatorError
 from envs.simulators import HANDLERS

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
+from envs.core.extras import install_command
+
+pytest.importorskip("sapien", reason=f"SAPIEN is not installed: {install_command('sapien')}")
 
 from envs.experts.actor import expert_episodes
 from envs.experts.check import check_expert

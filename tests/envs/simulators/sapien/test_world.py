@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-pytest.importorskip("sapien", reason="SAPIEN is not installed: pip install 'roboverse-learn[sapien]'")
+from envs.core.extras import install_command
+
+pytest.importorskip("sapien", reason=f"SAPIEN is not installed: {install_command('sapien')}")
 
 from envs.mjcf.link_tree import describe
 from envs.simulators.sapien.collision_groups import collision_groups

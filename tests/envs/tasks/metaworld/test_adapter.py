@@ -1,11 +1,14 @@
 """The way between Meta-World's environments and our scenarios and states."""
 
+import re
 import sys
 
 import mujoco
 import numpy as np
 import pytest
 import torch
+
+from envs.core.extras import install_command
 
 pytest.importorskip("metaworld")
 
@@ -62,7 +65,8 @@ def test_missing_metaworld_names_the_install_command(name, monkeypatch):
         if module.startswith("envs.tasks.metaworld.") and not module.endswith("catalogue"):
             monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "metaworld", None)
-    with pytest.raises(MissingExtraError, match=r"the package 'metaworld'.*roboverse-learn\[metaworld\]"):
+    needed = f"the package 'metaworld'.*{re.escape(install_command('metaworld'))}"
+    with pytest.raises(MissingExtraError, match=needed):
         TASKS.get(name)
 
 

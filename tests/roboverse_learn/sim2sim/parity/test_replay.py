@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,6 +152,28 @@ def test_command_writes_summary_and_page_into_the_folder_that_is_named(
     assert values["num_episodes"] == 1
     assert list(values["replays"]) == ["states"]
     assert "not replayed" in (tmp_path / "parity.md").read_text()
+
+
+def test_a_replay_does_not_take_the_place_of_that_of_another_dataset(tmp_path, dataset, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(dataset, "moved")
+    shutil.copytree(dataset, "other")
+    info = Path("other/meta/info.json")
+    info.write_text(json.dumps(json.loads(info.read_text()) | {"fps": 19}))
+    words = ["replay", "episodes=1", "by=[states]"]
+    assert main([*words, f"dataset={dataset}"]) == 0
+    before = {path: path.read_bytes() for path in Path("replays").iterdir()}
+    assert main([*words, "dataset=other"]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"PickCube-mujoco-to-mujoco.json' is of the replay of dataset={dataset}, and that of dataset=ot"
+        in said
+    )
+    assert "Add out=replays/other to write beside it" in said
+    assert {path: path.read_bytes() for path in Path("replays").iterdir()} == before
+    assert main([*words, "dataset=other", "out=replays/other"]) == 0
+    for same in (dataset, "moved"):
+        assert main([*words, f"dataset={same}"]) == 0
 
 
 @pytest.mark.parametrize(

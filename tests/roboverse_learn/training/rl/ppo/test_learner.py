@@ -1,6 +1,7 @@
 """Arguments that PPO's learner refuses and accepts."""
 
 import importlib.util
+import re
 from dataclasses import replace
 
 import pytest
@@ -8,6 +9,7 @@ import torch
 
 import policies
 from envs.core.errors import ConfigError, MissingExtraError, PolicyError
+from envs.core.extras import install_command
 from envs.tasks.control.cartpole import Cartpole
 from policies.ppo.config import PpoConfig
 from roboverse_learn.commands.run_folder import identity, run_name
@@ -22,7 +24,7 @@ from tests.roboverse_learn.training.rl.ppo.reach import Reach
 def test_a_backend_that_is_not_installed_names_its_extra(monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "rsl_rl" else find(name))
-    message = r"backend=rsl_rl needs the package 'rsl_rl', .*pip install 'roboverse-learn\[rsl-rl\]'"
+    message = rf"backend=rsl_rl needs the package 'rsl_rl', .*{re.escape(install_command('rsl-rl'))}"
     with pytest.raises(MissingExtraError, match=message):
         learner.check_installed("rsl_rl")
     learner.check_installed("torchrl")

@@ -1,0 +1,122 @@
+"""A folder of results: what a board makes of it, the results in it, and how it is told from other folders."""
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmark.leaderboard.rows import Entry
+from benchmark.leaderboard.video_rule import KEEP_FILE
+from benchmark.records import Result
+from benchmark.results import read_result, result_path
+from benchmark.suites import FOLDER
+from envs.core.errors import ForeignFileError, ResultError
+
+JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
+STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
+INSTRUCTIONS_MARKDOWN_NAME, INSTRUCTIONS_HTML_NAME = "instructions.md", "instructions.html"
+PLOTS = "plots"
+
+TABLES = (JSON_NAME, "calvin_chains.json", "robots.json", "tasks.json")
+"""Files of the folder that are no results: our own, and the tables of experts by robot and by task."""
+
+_OWN = {
+    *(*TABLES, KEEP_FILE, FOLDER, PLOTS, MARKDOWN_NAME, HTML_NAME),
+    *(STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME, INSTRUCTIONS_MARKDOWN_NAME, INSTRUCTIONS_HTML_NAME),
+}
+_PROTOCOL = re.compile(r"v\d+")
+
+_SIGNS = {"meta/info.json": "dataset", "manifest.json": "run", "model.safetensors": "checkpoint"}
+"""A file of a folder, and what the folder that has it is."""
+
+_SHOWN_ERRORS = 10
+
+
+def load_results(results_dir: Path) -> list[Entry]:
+    """Reads every result of a folder.
+
+    Args:
+        results_dir: Folder of ``<protocol>/<task>/<policy>/<run>.json``.
+
+    Returns:
+        Paths relative to the folder, and what they hold; none of a folder that is empty.
+
+    Raises:
+        ResultError: The folder is absent, is no folder of results, or a file in it is not a valid result in
+            its place; every such file is named.
+    """
+    if not results_dir.is_dir():
+        raise ResultError(
+            f"There is no folder of results '{results_dir}'. Evaluate a checkpoint first: roboverse evaluate "
+            "checkpoint=<folder>."
+        )
+    entries: list[Entry] = []
+    problems: list[ResultError] = []
+    roots: list[Path] = []
+    for path in _result_files(results_dir):
+        try:
+            result = read_result(path)
+            expected = result_path(results_dir, result)
+            if path != expected:
+                roots += _root_of(path, result)
+                raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
+        except ResultError as error:
+            problems.append(error)
+            continue
+        entries.append((path.relative_to(results_dir).as_posix(), result))
+    if not entries:
+        _check_kind(results_dir, roots, problems)
+    if problems:
+        more = len(problems) - _SHOWN_ERRORS
+        shown = "\n".join(map(str, problems[:_SHOWN_ERRORS])) + (f"\n… and {more} more." if more > 0 else "")
+        raise ResultError(f"No leaderboard was written, because of {len(problems)} results file(s):\n{shown}")
+    return entries
+
+
+def _result_files(results_dir: Path) -> list[Path]:
+    """Returns the files that are results, or should be."""
+    others = [results_dir / name for name in TABLES]
+    return [
+        path
+        for path in sorted(results_dir.rglob("*.json"))
+        if not (path.name.startswith(".") or path in others or results_dir / FOLDER in path.parents)
+    ]
+
+
+def _root_of(path: Path, result: Result) -> list[Path]:
+    """Returns the folder of results in which a result's path is right, if there is one."""
+    inside = result_path(Path(), result)
+    depth = len(inside.parts)
+    return [path.parents[depth - 1]] if path.parts[-depth:] == inside.parts else []
+
+
+def _check_kind(results_dir: Path, roots: Sequence[Path], problems: Sequence[ResultError]) -> None:
+    """Checks that a folder without results is empty, or has damaged ones or what a board leaves.
+
+    Raises:
+        ResultError: Another folder is the one of its results, or it holds other things alone.
+    """
+    if roots:
+        raise ResultError(
+            f"'{results_dir}' is not a folder of results: '{roots[0]}' is. Give it: results_dir={roots[0]}."
+        )
+    names = {path.name for path in results_dir.iterdir() if not path.name.startswith(".")}
+    ours = any(name in _OWN or _PROTOCOL.fullmatch(name) for name in names)
+    if not names or ours or not all(isinstance(problem, ForeignFileError) for problem in problems):
+        return
+    raise ResultError(
+        f"'{results_dir}' is not a folder of results: {_looks_like(results_dir, sorted(names))}. Nothing was "
+        "changed in it. Give the folder that roboverse evaluate writes to, which is 'results' where "
+        "results_dir= is left out."
+    )
+
+
+def _looks_like(folder: Path, names: Sequence[str]) -> str:
+    """Returns what a folder seems to be: ``it holds datasets, such as 'datasets/PickCube/demos'``."""
+    for below, folders, _ in os.walk(folder):
+        folders.sort()
+        for sign, kind in _SIGNS.items():
+            if (Path(below) / sign).is_file():
+                return f"it is a {kind}" if Path(below) == folder else f"it holds the {kind} '{below}'"
+    shown = ", ".join(f"'{name}'" for name in names[:3]) + (", …" if len(names) > 3 else "")
+    return f"it holds {shown} and no results"

@@ -1,0 +1,50 @@
+"""Settings that ``train dataset=`` takes from the dataset where nobody gives others."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from roboverse_learn.config.serialize import env_keys
+from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
+from roboverse_learn.data.dataset.schema import INFO_PATH
+
+_SCENE = ("task", "task_kwargs", "robot", "scenario")
+"""Fields of the environment that episodes of a merged or edited dataset still name."""
+
+
+def recorded_values(folder: str, tasks: Sequence[str]) -> dict[str, Any]:
+    """Returns the settings that a dataset was recorded with, as values of ``train``.
+
+    Args:
+        folder: The dataset's folder.
+        tasks: Tasks that are given; empty takes the dataset's.
+
+    Returns:
+        The environment of a collection of ours, and its ``steps_per_look``. Of a dataset that was merged or
+        edited since, the scene and the robot, as far as all episodes have the same. Nothing where there is no
+        dataset, or where it is of another task than the first that is given.
+
+    Raises:
+        DatasetError: The dataset is damaged, or has no episode.
+    """
+    from roboverse_learn.data.collection.schedule import read_record
+
+    root = Path(folder)
+    if not (root / INFO_PATH).is_file():
+        return {}
+    if is_collected_here(root):
+        settings, _ = read_record(root)
+    else:
+        settings = _common(DatasetInfo.open(root).episode_metadata)
+    if tasks and settings.get("task", tasks[0]) != tasks[0]:
+        return {}
+    values = {key: settings[key] for key in env_keys("train") if settings.get(key) is not None}
+    steps = settings.get("steps_per_look")
+    return values | ({"collect": {"steps_per_look": steps}} if steps else {})
+
+
+def _common(episodes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Returns what all episodes say of their scene; of several tasks, the robot alone."""
+    first = episodes[0]
+    same = [key for key in _SCENE if key in first and all(each.get(key) == first[key] for each in episodes)]
+    return {key: first[key] for key in same if "task" in same or key == "robot"}
