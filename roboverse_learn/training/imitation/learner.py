@@ -8,7 +8,6 @@ import policies
 from envs.core.errors import ConfigError, UnknownNameError, unknown_name
 from policies.base import listed
 from policies.checkpoint import policy_type, resolve
-from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
@@ -195,9 +194,8 @@ class ImitationLearner(Learner):
         from roboverse_learn.data.dataset.mixture import Mixture
         from roboverse_learn.data.dataset.reader import ResidentDataset
 
-        columns = getattr(policies.policy_class(self.config.policy_name), "columns", ())
         folders = dataset if isinstance(dataset, Mapping) else {self.config.env.task: dataset}
-        if TASK_INDEX in columns:
+        if policies.reads_instructions(self.config.policy_name):
             return Mixture.open(folders, self.device)
         (folder,) = folders.values()
         return ResidentDataset(folder, device=self.device)
