@@ -86,7 +86,8 @@ class TrainConfig:
         mixing: Of several tasks that are learned together: each has a share of every batch in proportion to
             its frames to this power. 0 samples tasks equally often, 1 frames.
         lr: Peak learning rate of AdamW.
-        lr_backbone: Peak learning rate of the image backbone; None takes ``lr``.
+        lr_backbone: Peak learning rate of the image backbone; None takes ``lr``, which ``lerobot``,
+            ``openvla`` and ``octo`` take for all their parts.
         lr_muon: Peak learning rate of Muon for the matrices of linear layers; None trains them by AdamW too.
         weight_decay: Decoupled weight decay of AdamW.
         betas: Moment decays of AdamW.

@@ -4,14 +4,25 @@ from typing import Any
 
 from torch import nn
 
+from envs.core.errors import ConfigError
 from policies.imitation import ImitationPolicy
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.imitation.muon import MuonAdamW
 
 
 def make_optimizer(policy: ImitationPolicy, config: TrainConfig) -> MuonAdamW:
-    """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains."""
+    """Returns the optimizer of a policy, with groups for its backbone and for what Muon trains.
+
+    Raises:
+        ConfigError: The policy forms its groups itself, and a rate for one of those here is given.
+    """
     if own := policy.parameter_groups():
+        for key in ("lr_backbone", "lr_muon"):
+            if (given := getattr(config, key)) is not None:
+                raise ConfigError(
+                    f"policy={policy.name} gives each of its parts a share of train.lr, and takes no "
+                    f"train.{key}, given {given:g}. Leave it out, or set train.lr."
+                )
         return _adamw(
             [{"params": members, "peak_lr": config.lr * share, "muon": False} for members, share in own],
             config,

@@ -81,6 +81,20 @@ def test_only_matrices_of_hidden_linear_layers_are_trained_by_muon():
     assert set(by_name.values()) == {1e-3}
 
 
+@pytest.mark.parametrize("key", ["lr_backbone", "lr_muon"])
+def test_a_rate_that_a_policy_with_groups_of_its_own_does_not_take_is_refused(key):
+    class Grouped(Policy):
+        name = "lerobot"
+
+        def parameter_groups(self):
+            return [([self.model.queries], 0.1)]
+
+    with pytest.raises(ConfigError, match=rf"policy=lerobot .* takes no train\.{key}, given 0\.002\. Leave"):
+        make_optimizer(Grouped(), TrainConfig(**{key: 2e-3}))
+    (group,) = make_optimizer(Grouped(), TrainConfig(lr=1e-3)).param_groups
+    assert group["peak_lr"] == 1e-4
+
+
 def test_without_its_learning_rate_every_parameter_is_trained_by_adamw():
     policy, reference = Policy(), Policy()
     optimizer = make_optimizer(policy, TrainConfig(lr=1e-2))
