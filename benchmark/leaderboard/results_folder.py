@@ -73,6 +73,16 @@ def load_results(results_dir: Path) -> list[Entry]:
     return entries
 
 
+def check_results_folder(results_dir: Path) -> None:
+    """Checks that a folder is one that results can be written into: absent, one of results, or without JSON.
+
+    Raises:
+        ResultError: It has JSON files of other things alone, of which no board could be made.
+    """
+    if results_dir.is_dir() and not _has_ours(names := _names_in(results_dir)) and _result_files(results_dir):
+        raise _other_folder(results_dir, names)
+
+
 def _result_files(results_dir: Path) -> list[Path]:
     """Returns the files that are results, or should be."""
     others = [results_dir / name for name in TABLES]
@@ -100,14 +110,25 @@ def _check_kind(results_dir: Path, roots: Sequence[Path], problems: Sequence[Res
         raise ResultError(
             f"'{results_dir}' is not a folder of results: '{roots[0]}' is. Give it: results_dir={roots[0]}."
         )
-    names = {path.name for path in results_dir.iterdir() if not path.name.startswith(".")}
-    ours = any(name in _OWN or _PROTOCOL.fullmatch(name) for name in names)
-    if not names or ours or not all(isinstance(problem, ForeignFileError) for problem in problems):
-        return
-    raise ResultError(
-        f"'{results_dir}' is not a folder of results: {_looks_like(results_dir, sorted(names))}. Nothing was "
-        "changed in it. Give the folder that roboverse evaluate writes to, which is 'results' where "
-        "results_dir= is left out."
+    names = _names_in(results_dir)
+    if names and not _has_ours(names) and all(isinstance(problem, ForeignFileError) for problem in problems):
+        raise _other_folder(results_dir, names)
+
+
+def _names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def _has_ours(names: Sequence[str]) -> bool:
+    """Whether one of the names in a folder is a protocol's or what a board leaves there."""
+    return any(name in _OWN or _PROTOCOL.fullmatch(name) for name in names)
+
+
+def _other_folder(folder: Path, names: Sequence[str]) -> ResultError:
+    return ResultError(
+        f"'{folder}' is not a folder of results: {_looks_like(folder, names)}. Nothing was changed in it. "
+        "Give the folder that roboverse evaluate writes to, which is 'results' where results_dir= is left "
+        "out."
     )
 
 

@@ -41,6 +41,7 @@ def check_folders(config: Any) -> None:
         ConfigError: A file is where a folder is meant, a folder cannot be made or written, or there is no
             dataset to train on.
         DatasetError: The folder to collect into holds other files.
+        ResultError: The folder for results is one of other things.
     """
     for key in _FOLDER_KEYS:
         given = getattr(config, key, "")
@@ -55,6 +56,11 @@ def check_folders(config: Any) -> None:
             raise ConfigError(f"{key}={shown}: {error.strerror}. Choose another folder.") from error
         if file is not None:
             raise ConfigError(f"{key}={given}: {not_a_folder(file)}")
+    results_dir = getattr(config, "results_dir", "")
+    if results_dir and Path(results_dir).is_dir():
+        from benchmark.leaderboard.results_folder import check_results_folder
+
+        check_results_folder(Path(results_dir))
     if isinstance(config, TrainRunConfig) and config.dataset:
         _check_there(Path(config.dataset), Path(config.datasets_dir))
     elif isinstance(config, CollectConfig) and config.dataset:

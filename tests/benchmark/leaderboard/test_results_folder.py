@@ -1,12 +1,13 @@
 """Which folder is one of results, and what is said of any other."""
 
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from benchmark.leaderboard.build import write
-from benchmark.leaderboard.results_folder import TABLES, load_results
+from benchmark.leaderboard.results_folder import TABLES, check_results_folder, load_results
 from envs.core.errors import ResultError
 
 
@@ -43,6 +44,26 @@ def test_a_folder_of_other_things_is_named_and_nothing_is_to_be_removed(tmp_path
         assert holds in said
     assert "Give the folder that roboverse evaluate writes to" in said
     assert not any(word in said.lower() for word in ("remove", "move", "delete"))
+
+
+@pytest.mark.parametrize(
+    ("files", "is_refused"),
+    [
+        ({}, False),
+        ({"notes.txt": ""}, False),
+        ({"v2/PickCube/act/run.json": "{"}, False),
+        ({"leaderboard.json": "{}", "meta/info.json": "{}"}, False),
+        ({"meta/info.json": "{}"}, True),
+        ({"PickCube/act/run.json": "{}"}, True),
+    ],
+)
+def test_results_are_not_written_into_a_folder_of_other_things(tmp_path, files, is_refused):
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    check_results_folder(tmp_path / "absent")
+    with pytest.raises(ResultError, match="is not a folder of results") if is_refused else nullcontext():
+        check_results_folder(tmp_path)
 
 
 def test_a_folder_without_json_names_what_it_holds(tmp_path):

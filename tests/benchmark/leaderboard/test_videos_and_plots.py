@@ -81,7 +81,7 @@ def test_the_same_frames_are_the_same_bytes(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(WriteError, match=r"'.*file/a.mp4' could not be written"):
+    with pytest.raises(WriteError, match=r"'.*/file' is a file, not a folder\. Name another"):
         write_video(tmp_path / "file" / "a.mp4", np.zeros((2, 16, 16, 3), np.uint8), 10)
 
 

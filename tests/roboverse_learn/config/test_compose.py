@@ -395,20 +395,3 @@ def test_a_program_may_pass_on_an_empty_default_and_no_other_empty_folder() -> N
     assert compose("collect", (), {"dataset": "", "materials": ""}).dataset == ""
     with pytest.raises(ConfigError, match=r"^results_dir= is empty"):
         compose("leaderboard", (), {"results_dir": ""})
-
-
-@pytest.mark.parametrize(
-    ("command", "key", "meant"),
-    [
-        ("view", "out", "file"),
-        ("collect", "out", "dataset"),
-        ("collect", "recordings", "path"),
-        ("teleoperate", "path", "recordings"),
-        ("train", "out", "run"),
-    ],
-)
-def test_a_key_of_another_command_names_what_stands_for_it(command: str, key: str, meant: str) -> None:
-    with pytest.raises(
-        UnknownNameError, match=rf"Unknown key '{key}' of {command}. Did you mean '{meant}'\?"
-    ):
-        compose(command, [f"{key}=x"])

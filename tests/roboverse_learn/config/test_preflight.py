@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from envs.core.assets import resolve
-from envs.core.errors import ConfigError, DatasetError
+from envs.core.errors import ConfigError, DatasetError, ResultError
 from envs.spec import EnvSpec
 from envs.tasks.pick_cube import PickCube
 from policies.checkpoint import CONFIG, WEIGHTS
@@ -158,6 +158,16 @@ def test_datasets_that_cannot_be_written_are_reported_before_anything_starts(com
     for folder in ("/proc/here", "x" * 300):
         with pytest.raises(ConfigError, match=rf"^datasets_dir={folder[:90]}.*Choose another folder"):
             check_folders(compose(command, [f"datasets_dir={folder}"]))
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [("train", []), ("evaluate", ["policy=expert", "task=PickCube"])]
+)
+def test_a_folder_of_datasets_is_no_place_for_results(command, words, tmp_path):
+    (tmp_path / "PickCube" / "meta").mkdir(parents=True)
+    (tmp_path / "PickCube" / "meta" / "info.json").write_text("{}")
+    with pytest.raises(ResultError, match=r"is not a folder of results: it holds the dataset '.*PickCube'"):
+        check_folders(compose(command, [*words, f"results_dir={tmp_path}"]))
 
 
 def test_training_without_collecting_needs_no_folder_of_datasets(tmp_path):
