@@ -229,14 +229,6 @@ def test_folders_of_envs_import_lower_layers_alone() -> None:
     assert not circles(folders)
 
 
-@pytest.mark.parametrize(("own", "other"), [("imitation", "rl"), ("rl", "imitation")])
-def test_imitation_and_learning_in_an_env_know_nothing_of_one_another(own: str, other: str) -> None:
-    package = "roboverse_learn.training"
-    for path in sources(f"roboverse_learn/training/{own}"):
-        found = {module for module in imports(path) if module.startswith(f"{package}.{other}")}
-        assert not found, f"{name(path)} imports {found}; what both need belongs into {package}."
-
-
 def test_no_modules_import_one_another_in_a_circle() -> None:
     graph = module_graph()
     found = circles(graph)
