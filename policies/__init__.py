@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "POLICIES", "Policy", "PolicyInfo", "Source", "check_of", "config_class", "create",
-    "create_scripted", "learner", "learns_from", "load", "names", "policy_class", "reads_instructions",
-    "summary",
+    "create_scripted", "learner", "learns_from", "learns_several", "load", "names", "policy_class", "summary",
 ]  # fmt: skip
 
 Source = Literal["dataset", "env", "nothing"]
@@ -206,8 +205,8 @@ def policy_class(name: str) -> Any:
     return module_policy(name, _checked(name, found))
 
 
-def reads_instructions(name: str) -> bool:
-    """Whether policy ``name`` tells tasks apart by their instructions, so that it learns several.
+def learns_several(name: str) -> bool:
+    """Whether policy ``name`` learns several tasks of demonstrations together: its batches name each task.
 
     Raises:
         UnknownNameError: if there is no such policy.

@@ -1,5 +1,6 @@
 """``python roboverse_learn/replay.py dataset=… simulator=…``: replays episodes in another simulator."""
 
+import hashlib
 import sys
 from pathlib import Path
 
@@ -24,12 +25,12 @@ def replay(config: ReplayConfig) -> Any:
         WriteError: A file cannot be written.
     """
     from roboverse_learn.commands.report import replay_report
-    from roboverse_learn.data.dataset.raw import dataset_hash
     from roboverse_learn.data.dataset.recording import read_recordings
     from roboverse_learn.sim2sim.parity import parity_page, summary
 
     recordings = read_recordings(config.dataset, config.episodes)
-    of = {"dataset": config.dataset, "dataset_hash": dataset_hash(config.dataset)[:16]}
+    first = hashlib.sha256(recordings[0].actions.tobytes()).hexdigest()[:16]
+    of = {"dataset": config.dataset, "first_actions_hash": first}
     summary.refuse_to_replace(Path(config.out), of | _pair(recordings, config))
     values = of | replay_recordings(recordings, config)
     path = summary.write(Path(config.out), values)

@@ -167,7 +167,7 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
     of_folder: dict[Path, tuple[str, ...]] = {}
     for words, config in the_sweep.runs:
         folder = default_folder(config)
-        _check_is_another(words, of_folder.setdefault(folder, words))
+        _check_is_another(words, of_folder.setdefault(folder, words), folder)
         if _is_complete(folder, config):
             complete.append(folder)
             continue
@@ -184,13 +184,13 @@ def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:
     return jobs, complete
 
 
-def _check_is_another(words: tuple[str, ...], first: tuple[str, ...]) -> None:
+def _check_is_another(words: tuple[str, ...], first: tuple[str, ...], folder: Path) -> None:
     """Checks that a run is the first of its folder."""
     if words is not first:
         keys = ", ".join(word.partition("=")[0] for word in words if word not in first)
         raise ConfigError(
-            f"'{' '.join(first)}' and '{' '.join(words)}' learn the same, so they would share a folder. "
-            f"Give {keys} one value; roboverse evaluate evaluates a checkpoint in further ways."
+            f"'{' '.join(first)}' and '{' '.join(words)}' would share the folder '{folder}'. Give {keys} one "
+            "value, and start each further run by a command of its own, with run=<folder>."
         )
 
 

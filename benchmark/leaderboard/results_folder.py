@@ -50,22 +50,21 @@ def load_results(results_dir: Path) -> list[Entry]:
             f"There is no folder of results '{results_dir}'. Evaluate a checkpoint first: roboverse evaluate "
             "checkpoint=<folder>."
         )
+    check_results_folder(results_dir)
     entries: list[Entry] = []
     problems: list[ResultError] = []
-    roots: list[Path] = []
     for path in _result_files(results_dir):
         try:
             result = read_result(path)
             expected = result_path(results_dir, result)
             if path != expected:
-                roots += _root_of(path, result)
                 raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
         except ResultError as error:
             problems.append(error)
             continue
         entries.append((path.relative_to(results_dir).as_posix(), result))
-    if not entries:
-        _check_kind(results_dir, roots, problems)
+    if not entries and not problems and _names_in(results_dir) and not _has_ours(results_dir):
+        raise _other_folder(results_dir)
     if problems:
         more = len(problems) - _SHOWN_ERRORS
         shown = "\n".join(map(str, problems[:_SHOWN_ERRORS])) + (f"\n… and {more} more." if more > 0 else "")
@@ -74,13 +73,28 @@ def load_results(results_dir: Path) -> list[Entry]:
 
 
 def check_results_folder(results_dir: Path) -> None:
-    """Checks that a folder is one that results can be written into: absent, one of results, or without JSON.
+    """Checks that a folder is one of results: absent, without JSON, or with a result or what a board leaves.
 
     Raises:
-        ResultError: It has JSON files of other things alone, of which no board could be made.
+        ResultError: Another folder is the one of its results, or it has JSON files of other things alone.
     """
-    if results_dir.is_dir() and not _has_ours(names := _names_in(results_dir)) and _result_files(results_dir):
-        raise _other_folder(results_dir, names)
+    if not results_dir.is_dir() or _has_ours(results_dir):
+        return
+    files = _result_files(results_dir)
+    for path in files:
+        try:
+            root = _root_of(path, read_result(path))
+        except ForeignFileError:
+            continue
+        except ResultError:
+            return  # a damaged one
+        if root is not None:
+            raise ResultError(
+                f"'{results_dir}' is not a folder of results: '{root}' is. Give results_dir={root} instead."
+            )
+        return
+    if files:
+        raise _other_folder(results_dir)
 
 
 def _result_files(results_dir: Path) -> list[Path]:
@@ -93,42 +107,29 @@ def _result_files(results_dir: Path) -> list[Path]:
     ]
 
 
-def _root_of(path: Path, result: Result) -> list[Path]:
-    """Returns the folder of results in which a result's path is right, if there is one."""
-    inside = result_path(Path(), result)
-    depth = len(inside.parts)
-    return [path.parents[depth - 1]] if path.parts[-depth:] == inside.parts else []
-
-
-def _check_kind(results_dir: Path, roots: Sequence[Path], problems: Sequence[ResultError]) -> None:
-    """Checks that a folder without results is empty, or has damaged ones or what a board leaves.
-
-    Raises:
-        ResultError: Another folder is the one of its results, or it holds other things alone.
-    """
-    if roots:
-        raise ResultError(
-            f"'{results_dir}' is not a folder of results: '{roots[0]}' is. Give it: results_dir={roots[0]}."
-        )
-    names = _names_in(results_dir)
-    if names and not _has_ours(names) and all(isinstance(problem, ForeignFileError) for problem in problems):
-        raise _other_folder(results_dir, names)
+def _root_of(path: Path, result: Result) -> Path | None:
+    """Returns the folder of results in which a result's path is right; None if it is right in none."""
+    inside = result_path(Path(), result).parts
+    if path.absolute().parts[-len(inside) :] != inside:
+        return None
+    root = path.absolute().parents[len(inside) - 1]
+    return root if path.is_absolute() else Path(os.path.relpath(root))
 
 
 def _names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
 
 
-def _has_ours(names: Sequence[str]) -> bool:
-    """Whether one of the names in a folder is a protocol's or what a board leaves there."""
-    return any(name in _OWN or _PROTOCOL.fullmatch(name) for name in names)
+def _has_ours(folder: Path) -> bool:
+    """Whether a folder has a protocol's results, or what a board leaves."""
+    return any(name in _OWN or _PROTOCOL.fullmatch(name) for name in _names_in(folder))
 
 
-def _other_folder(folder: Path, names: Sequence[str]) -> ResultError:
+def _other_folder(folder: Path) -> ResultError:
     return ResultError(
-        f"'{folder}' is not a folder of results: {_looks_like(folder, names)}. Nothing was changed in it. "
-        "Give the folder that roboverse evaluate writes to, which is 'results' where results_dir= is left "
-        "out."
+        f"'{folder}' is not a folder of results: {_looks_like(folder, _names_in(folder))}. Nothing was "
+        "changed in it. Give the folder that roboverse evaluate writes to, which is 'results' where "
+        "results_dir= is left out."
     )
 
 

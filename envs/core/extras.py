@@ -32,7 +32,7 @@ def checkout_command(extra: str, checkout: str = "") -> str:
         extra: The extra.
         checkout: The checkout's folder with a slash at its end; empty where the command runs in it.
     """
-    return f"{_with_pins(checkout)} -e '{checkout.rstrip('/') or '.'}[{extra}]'"
+    return f"{_with_pins(checkout)} -e {shlex.quote(f'{checkout.rstrip("/") or "."}[{extra}]')}"
 
 
 def _with_pins(folder: str = "") -> str:

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
+from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
@@ -95,8 +96,16 @@ def _check_same(info: DatasetInfo, config: TrainRunConfig) -> None:
     if before.get("task") == config.env.task:  # no camera is named where the task's first one is taken
         before, now = (each | {"cameras": _seen(config, each.get("cameras") or ())} for each in (before, now))
     unusual = ("robot", "simulator_settings", "scenario", "steps_per_look")  # left out where they are not
-    advice = "Leave out what differs to take the dataset's, or name another dataset."
-    check_settings(info.root, before, now, keys={*now, *unusual}, advice=advice)
+    check_settings(info.root, before, now, keys={*now, *unusual}, advice=_advice(config))
+
+
+def _advice(config: TrainRunConfig) -> str:
+    """Returns what to do where a run has other settings than its dataset."""
+    if config.recipe:
+        return f"recipe={config.recipe} counts as given: leave it out, or name a dataset of its settings."
+    if len(config.tasks) > 1:
+        return "Give those of the dataset, or name one that has all tasks of the run."
+    return "Leave out what differs to take the dataset's, or name another dataset."
 
 
 def _seen(config: TrainRunConfig, cameras: Sequence[str]) -> list[str]:
@@ -111,7 +120,8 @@ def _other_robot(info: DatasetInfo, config: TrainRunConfig) -> str:
         here, there = _robot(config, config.env.robot), sorted(_robot(config, name) for name in robots)
     else:  # of another program, which says at most the kind that LeRobot knows
         _, _, here = task_layout(config)
-        there = [info.robot_type or here]
+        named = all(robot.lerobot_type for robot in config.env.make_task().robots)
+        there = [info.robot_type or here] if named else [here]
     if here in there:
         return ""
     return (
@@ -135,7 +145,7 @@ def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
             f"task={named[0]}."
         )
     others = [task for task in named if task not in config.tasks]
-    if others and not policies.reads_instructions(config.policy_name):
+    if others and not policies.learns_several(config.policy_name):
         raise ConfigError(
             f"dataset={info.root} has episodes of {', '.join(others)}, too, and policy={config.policy_name} "
             f"reads no instruction that would tell them from {', '.join(config.tasks)}. Give a dataset of "
@@ -163,7 +173,7 @@ def _as_seen(info: DatasetInfo, config: TrainRunConfig) -> TrainRunConfig:
 
 def _misfit(info: DatasetInfo, config: TrainRunConfig, task: str) -> str:
     """Returns why the policy of a dataset cannot act in a task; empty where it can."""
-    features, _, _ = task_layout(replace(config, env=config.env.replace(task=task)))
+    features, _, _ = task_layout(of_task(config, task))
     for key in (STATE_KEY, ACTION_KEY):
         theirs, ours = info.features.get(key), features[key]
         if theirs is None:  # of which the policy speaks itself

@@ -1,6 +1,7 @@
 """What is said where ``run=`` names a folder that is no run yet: a new one begins; is it misspelt?"""
 
 import difflib
+import os
 from pathlib import Path
 
 from roboverse_learn.commands.run_folder import CONFIG_FILE
@@ -30,7 +31,11 @@ def _near(folder: Path) -> Path | None:
     """Returns a run whose path differs from a folder's by the spelling of the first part that is missing."""
     base = next(each for each in (folder, *folder.parents) if each.is_dir())
     first, *others = folder.relative_to(base).parts or ("",)
-    runs = [each.name for each in base.iterdir() if each.joinpath(*others, CONFIG_FILE).is_file()]
+    try:
+        names = os.listdir(base)
+    except PermissionError:
+        return None
+    runs = [name for name in names if os.path.isfile(base.joinpath(name, *others, CONFIG_FILE))]
     close = difflib.get_close_matches(first, filter(lambda name: not _numbered(name, first), runs), 1, _CLOSE)
     return base.joinpath(close[0], *others) if close else None
 

@@ -130,10 +130,7 @@ def success_table(evaluation: "Evaluation") -> Table:
 
 
 def in_scene(what: str, env: EnvSpec) -> str:
-    """Returns what was tested with the robot, simulator and renderer that are not the usual ones, if any.
-
-    As the board titles it: ``PickCube (robot=ur5e, simulator=sapien)``.
-    """
+    """Returns what was tested, and where unusual: ``PickCube (robot=ur5e, simulator=sapien)``."""
     usual = EnvSpec()
     keys = [key for key in ("robot", "simulator", "renderer") if getattr(env, key) != getattr(usual, key)]
     return what + (f" ({', '.join(f'{key}={getattr(env, key)}' for key in keys)})" if keys else "")

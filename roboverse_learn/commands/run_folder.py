@@ -11,103 +11,33 @@ import json
 import logging
 import shlex
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from filelock import BaseFileLock
 
-import policies
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError
-from envs.core.fingerprint import digest, file_hash
-from policies.checkpoint import HASHES, resolve, weights_path
-from roboverse_learn.commands.scene_labels import fit_for_a_file, varied_part
-from roboverse_learn.config.command_line_keys import at, flat_keys
-from roboverse_learn.config.schema import DemonstrationConfig, TrainRunConfig
+from envs.core.fingerprint import digest
+from policies.checkpoint import HASHES
+from roboverse_learn.commands.run_identity import changes, changes_of_result, is_of_others, run_name
+from roboverse_learn.commands.scene_labels import fit_for_a_file
+from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
-from roboverse_learn.data.dataset.info import is_collected_here
-from roboverse_learn.data.dataset.raw import dataset_hash
-from roboverse_learn.data.dataset.schema import INFO_PATH
 from roboverse_learn.folder_lock import lock_directory
-from roboverse_learn.training.config import AugmentConfig, TrainConfig
 
 log = logging.getLogger(__name__)
 
 CONFIG_FILE = "config.yaml"
 MANIFEST_FILE = "manifest.json"
 
-# What may change between two starts of one run: none of it decides what is learned.
-_FREE = {
-    *("device", "run", "resume", "slow_ok", "preset", "evaluate", "suite", "tasks_at_once"),
-    *("dataset", "datasets_dir", "runs_dir", "results_dir"),
-}
-_FREE_KEYS = {
-    *("collect.num_workers", "collect.num_envs"),
-    *("train.num_threads", "train.save_every", "train.log_every", "train.wandb", "train.cuda_graphs"),
-}
-_EXTENDABLE = ("train.steps", "train.time_limit_s")
-
 _LONGEST_NAME = 80
 """Of a run's name in its results, in characters; the parts that an evaluation adds have the rest of 120."""
 
 _STREAMS = ("training", "collection")
-
-
-def identity(config: TrainRunConfig) -> dict[str, Any]:
-    """Returns the flat keys and values that decide what a run learns, those of its name.
-
-    Keys that are younger than the first runs are left out at their usual values: a run keeps its name.
-    """
-    return _flat(_without_usual_younger(_decisive(config), config))
-
-
-def _decisive(config: TrainRunConfig) -> dict[str, Any]:
-    """Returns the nested keys and values that decide what a run learns."""
-    values = {key: value for key, value in to_values(config).items() if key not in _FREE}
-    if len(config.tasks) == 1:
-        values["policy"].pop("tasks", None)
-    if given := values["train"].get("resume_from", ""):  # its path differs between machines
-        values["train"]["resume_from"] = file_hash(weights_path(resolve(given)))
-    return values
-
-
-def _without_usual_younger(values: dict[str, Any], config: TrainRunConfig) -> dict[str, Any]:
-    """Deletes younger keys at their usual values from what :func:`_decisive` returns."""
-    for key in ("simulator_settings", "scenario", "recipe", "robot", "only_corrections"):
-        if key in values and not values[key]:
-            del values[key]
-    _leave_out_usual(values["collect"], DemonstrationConfig(), ("steps_per_look",))
-    _leave_out_usual(values["policy"], type(config.policy)(), getattr(config.policy, "younger", ()))
-    if not values["policy"].get("wrong_instructions", True):
-        del values["policy"]["wrong_instructions"]
-    if not values["train"].get("resume_from", True):
-        del values["train"]["resume_from"]
-    _leave_out_usual(values["train"], TrainConfig(), ("mixing",))
-    younger = ("hue", "convolution", "overlay", "tone", "shadow", "swap", "swap_camera")
-    _leave_out_usual(values["train"].get("augment", {}), AugmentConfig(), younger)
-    return values
-
-
-def _flat(values: dict[str, Any]) -> dict[str, Any]:
-    return {key: at(values, key) for key in flat_keys(values) if key not in _FREE_KEYS}
-
-
-def _leave_out_usual(values: dict[str, Any], usual: Any, younger: Iterable[str]) -> None:
-    """Deletes younger keys that have their usual values: without them a run keeps its name."""
-    for key in younger:
-        if key in values and values[key] == getattr(usual, key):
-            del values[key]
-
-
-def run_name(config: TrainRunConfig) -> str:
-    """Returns the name of the run of a configuration, such as ``quick-level0-seed0-1a2b3c4d``."""
-    if _is_of_others(config):  # what is learned follows from its content alone, whose level is unknown
-        decides = {**identity(config), "dataset_hash": dataset_hash(config.dataset)}
-        return f"{config.preset}-seed{config.seed}-{digest(decides)}"
-    varied = varied_part(config.env)
-    return f"{config.recipe or config.preset}-{varied}-seed{config.seed}-{digest(identity(config))}"
 
 
 def seed_of(config: TrainRunConfig, stream: str) -> int:
@@ -211,7 +141,7 @@ class RunFolder:
         """
         folder = Path(config.run) if config.run else default_folder(config)
         if (folder / CONFIG_FILE).exists():
-            _check_same(folder, config)
+            config = _continued(folder, config)
         elif other := _other_file(folder):
             raise ConfigError(
                 f"The folder '{folder}' is no run and holds other files, such as '{other}'. Name an empty or "
@@ -309,20 +239,12 @@ def step_of(checkpoint: Path) -> int | None:
 
 def default_folder(config: TrainRunConfig) -> Path:
     """Returns the folder that a configuration names; with ``resume=false`` the first free one."""
-    task = Path(config.dataset).resolve().name if _is_of_others(config) else config.env.task
+    task = Path(config.dataset).resolve().name if is_of_others(config) else config.env.task
     base = Path(config.runs_dir) / task / config.policy_name / run_name(config)
     folder, number = base, 2
     while not config.resume and folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1
     return folder
-
-
-def _is_of_others(config: TrainRunConfig) -> bool:
-    """Whether a run learns from a dataset that is given and is of no collection of ours."""
-    root, learns = Path(config.dataset), policies.learns_from(config.policy_name)
-    return (
-        learns == "dataset" and bool(config.dataset) and (root / INFO_PATH).is_file()
-    ) and not is_collected_here(root)
 
 
 def _other_file(folder: Path) -> str | None:
@@ -331,10 +253,14 @@ def _other_file(folder: Path) -> str | None:
     return next((name for name in names if not name.startswith((".", CONFIG_FILE, MANIFEST_FILE))), None)
 
 
-def _check_same(folder: Path, config: TrainRunConfig) -> None:
-    """Refuses to continue a run as another one, or with fewer steps than it has done."""
+def _continued(folder: Path, config: TrainRunConfig) -> TrainRunConfig:
+    """Returns the configuration of a run that goes on: with the steps that it has where it has done more.
+
+    Raises:
+        ConfigError: It would go on as another one, or ``run=`` with fewer steps than it has done.
+    """
     before = read_config(folder)
-    if what := _changes(before, config):
+    if what := changes(before, config):
         raise ConfigError(
             f"The run '{folder}' was started with another configuration: you gave {what}. "
             "Leave these keys out to continue it, or leave out run= to start a new run."
@@ -343,11 +269,14 @@ def _check_same(folder: Path, config: TrainRunConfig) -> None:
         (int(each.name) for each in folder.glob("checkpoints/[0-9]*") if each.name.isdecimal()), default=0
     )
     given = config.train.steps
-    if given < min(done, before.train.steps):  # an agent's last steps may go beyond those that were wanted
+    if given >= min(done, before.train.steps):  # an agent's last steps may go beyond those that were wanted
+        return config
+    if config.run:
         raise ConfigError(
             f"The run '{folder}' has done {done:,} steps, and train.steps={given} is fewer. Give more than "
             f"{done} to continue it, leave train.steps out, or name another folder to start a new run."
         )
+    return replace(config, train=replace(config.train, steps=before.train.steps))
 
 
 def _check_results(folder: Path, config: TrainRunConfig) -> None:
@@ -357,20 +286,11 @@ def _check_results(folder: Path, config: TrainRunConfig) -> None:
             earlier = from_values("train", json.loads(path.read_text())["config"])
         except (OSError, ValueError, KeyError, TypeError, RoboVerseError):
             continue  # it is not that of a run
-        if earlier.policy_name == config.policy_name and (what := _changes(earlier, config)):
+        if earlier.policy_name == config.policy_name and (what := changes_of_result(earlier, config)):
             raise ConfigError(
                 f"'{path}' has the results of another run whose folder is named '{folder.name}': you gave "
                 f"{what}. Name the folder otherwise, as run={folder}-seed{config.seed}, or move the file."
             )
-
-
-def _changes(before: TrainRunConfig, now: TrainRunConfig) -> str:
-    """Returns which keys decide that a run is not another one; empty where they are the same."""
-    old, new = _flat(_decisive(before)), _flat(_decisive(now))
-    changed = [key for key in {**new, **old} if key not in _EXTENDABLE and old.get(key) != new.get(key)]
-    if "policy_name" in changed:
-        changed = ["policy_name"]  # whose other keys are its own
-    return "; ".join(f"{key}={new.get(key)}, it has {old.get(key)}" for key in changed)
 
 
 def _write_config(path: Path, config: TrainRunConfig) -> None:

@@ -73,7 +73,7 @@ def _free_gpu_memory() -> None:
 def _run(commands: Mapping[str, tuple[str, ...]], slots: Sequence[Mapping[str, str]]) -> None:
     """Runs the command of each task, one in each slot at a time; logs stay where one failed."""
     logs = Path(tempfile.mkdtemp(prefix="roboverse-"))
-    log.info("%d tasks, each in a process. Their logs: %s", len(commands), logs)
+    log.info("%d tasks, each in a process. Their logs, until all have succeeded: %s", len(commands), logs)
     jobs = [
         Job(f"{number}-{words[0]}-{task}".replace("/", "-"), words)
         for number, (task, words) in enumerate(commands.items(), start=1)

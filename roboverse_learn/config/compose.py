@@ -188,7 +188,9 @@ def _recorded(command: str, settings: Sequence[tuple[str, str, Any]]) -> dict[st
     said = {key: value for _, key, value in settings}
     if command != "train" or not said.get("dataset") or said.get("suite"):
         return {}
-    return recorded_values(str(said["dataset"]), _task_names(said["task"]) if said.get("task") else [])
+    recorded = recorded_values(str(said["dataset"]), _task_names(said["task"]) if said.get("task") else [])
+    of_another = {"level": "only", "only": "level"}  # a scene varies by one of them
+    return {key: value for key, value in recorded.items() if of_another.get(key) not in said}
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[str, Any]) -> None:

@@ -30,7 +30,7 @@ from envs.randomization.levels import channels_of
 from envs.spec import EnvSpec
 from roboverse_learn.collect import collect_dataset
 from roboverse_learn.commands.called_with import called_with
-from roboverse_learn.commands.run_folder import identity
+from roboverse_learn.commands.run_identity import identity
 from roboverse_learn.commands.scene_labels import varied_part
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.schema import CollectConfig, EvaluationConfig, TeleoperateConfig, TrainRunConfig

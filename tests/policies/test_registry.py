@@ -32,8 +32,8 @@ def test_an_unknown_policy_is_named_with_the_nearest():
 
 
 def test_policies_that_read_instructions_are_known():
-    assert policies.reads_instructions("mtact") and policies.reads_instructions("octo")
-    assert not policies.reads_instructions("act") and not policies.reads_instructions("diffusion")
+    assert policies.learns_several("mtact") and policies.learns_several("octo")
+    assert not policies.learns_several("act") and not policies.learns_several("diffusion")
 
 
 def test_listing_imports_nothing_heavy():

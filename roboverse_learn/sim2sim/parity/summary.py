@@ -98,8 +98,8 @@ def refuse_to_replace(folder: Path, summary: Mapping[str, Any]) -> None:
 
     Args:
         folder: Folder of summaries.
-        summary: What :func:`file_name` needs, and ``dataset`` and ``dataset_hash``; a summary that names no
-            dataset is of an earlier version and may be replaced.
+        summary: What :func:`file_name` needs, ``dataset``, and ``first_actions_hash`` of its first episode; a
+            summary without them is of an earlier version and may be replaced.
 
     Raises:
         ConfigError: It does.
@@ -107,11 +107,11 @@ def refuse_to_replace(folder: Path, summary: Mapping[str, Any]) -> None:
     path = folder / f"{file_name(summary)}.json"
     try:
         there = json.loads(path.read_bytes())
-        other, its_hash = there["dataset"], there["dataset_hash"]
+        other, first = there["dataset"], there["first_actions_hash"]
     except (OSError, ValueError, KeyError, TypeError):
         return  # there is none, or the page will name what is wrong with it
     given = summary["dataset"]
-    if its_hash != summary["dataset_hash"] and Path(other).resolve() != Path(given).resolve():
+    if first != summary["first_actions_hash"] and Path(other).resolve() != Path(given).resolve():
         raise ConfigError(
             f"'{path}' is of the replay of dataset={other}, and that of dataset={given} would take its "
             f"place. Add out={folder / Path(given).resolve().name} to write beside it, or move the file away."

@@ -195,7 +195,7 @@ class ImitationLearner(Learner):
         from roboverse_learn.data.dataset.reader import ResidentDataset
 
         folders = dataset if isinstance(dataset, Mapping) else {self.config.env.task: dataset}
-        if policies.reads_instructions(self.config.policy_name):
+        if policies.learns_several(self.config.policy_name):
             return Mixture.open(folders, self.device)
         (folder,) = folders.values()
         return ResidentDataset(folder, device=self.device)

@@ -1,5 +1,6 @@
 """Which folder is one of results, and what is said of any other."""
 
+import re
 import shutil
 from contextlib import nullcontext
 from pathlib import Path
@@ -89,9 +90,18 @@ def test_a_damaged_result_alone_is_a_result(publish, tmp_path):
 @pytest.mark.parametrize("below", ["v2", "v2/PickCube"])
 def test_a_folder_inside_the_results_names_the_folder_of_results(publish, tmp_path, below):
     publish()
-    assert f"is not a folder of results: '{tmp_path}' is. Give it: results_dir={tmp_path}." in refusal(
-        tmp_path / below
-    )
+    said = f"is not a folder of results: '{tmp_path}' is. Give results_dir={tmp_path} instead."
+    assert said in refusal(tmp_path / below)
+    with pytest.raises(ResultError, match=re.escape(said)):
+        check_results_folder(tmp_path / below)
+
+
+def test_a_folder_inside_the_results_is_told_from_where_one_is(publish, tmp_path, monkeypatch):
+    publish()
+    for folder, given, root in ((tmp_path, "v2", "."), (tmp_path / "v2", ".", ".."), (tmp_path, ".", "")):
+        monkeypatch.chdir(folder)
+        with pytest.raises(ResultError, match=rf"Give results_dir={root} instead") if root else nullcontext():
+            check_results_folder(Path(given))
 
 
 def test_a_board_whose_results_are_gone_is_still_a_folder_of_results(publish, tmp_path):

@@ -1,3 +1,5 @@
+import shlex
+
 import pytest
 
 from envs.core import extras
@@ -18,8 +20,8 @@ def test_in_a_checkout_an_extra_is_installed_with_its_pins_as_the_readme_does(mo
 def test_in_another_folder_the_command_names_the_files_of_the_checkout(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     root = extras._CHECKOUT
-    pins = f"-c {root}/constraints.txt --override {root}/overrides.txt"
-    assert install_command("viewer") == f"uv pip install {pins} -e '{root}[viewer]'"
+    words = ["-c", f"{root}/constraints.txt", "--override", f"{root}/overrides.txt", "-e", f"{root}[viewer]"]
+    assert install_command("viewer") == shlex.join(["uv", "pip", "install", *words])
 
 
 def test_an_extra_of_a_wheel_is_installed_with_the_overrides_where_its_packages_pin_old_ones(

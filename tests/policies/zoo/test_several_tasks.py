@@ -5,7 +5,7 @@ import pytest
 from benchmark.results import read_result
 from envs.core.errors import ConfigError
 from roboverse_learn import cli
-from roboverse_learn.commands.run_folder import identity
+from roboverse_learn.commands.run_identity import identity
 from roboverse_learn.config.compose import compose
 from roboverse_learn.evaluate import evaluate_all
 from roboverse_learn.training.learners import learner_of

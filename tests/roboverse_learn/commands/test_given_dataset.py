@@ -107,12 +107,21 @@ def test_a_robot_that_recorded_nothing_is_named(recorded, acts, said):
     assert said in words and bool(said) == bool(words)
 
 
+def test_a_policy_of_several_tasks_is_fit_for_each_of_them_in_any_order():
+    config = compose("train", ["policy=mtact", "task=[StackCube,PickCube]"])
+    features, _, _ = task_layout(config)
+    for task in config.tasks:
+        assert _misfit(SimpleNamespace(features=features), config, task) == ""
+
+
 def test_a_robot_of_another_program_is_named_by_its_kind():
     info = SimpleNamespace(root="datasets/arm", episode_metadata=[{}], robot_type="so100_follower")
     config = compose("train", ["task=so101/pick_cube"])
     assert "recorded with so100_follower, and the policy is evaluated with so101" in _other_robot(
         info, config
     )
+    info.robot_type = "panda"  # a word of that program's, of which nothing is known here
+    assert _other_robot(info, compose("train", ["task=PickCube"])) == ""
     for kind in ("so101_follower", None):
         info.robot_type = kind
         assert _other_robot(info, config) == ""

@@ -1,5 +1,6 @@
 """``run=`` of a folder that is no run yet."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,21 @@ def runs(tmp_path, monkeypatch):
 def test_a_misspelt_run_begins_anew_and_the_one_that_may_be_meant_is_named(run, meant):
     said = f"run={run}: there is no run yet, so a new one begins. Did you mean '{meant}'?"
     assert new_run_words(run) == said
+
+
+def test_folders_that_cannot_be_read_are_no_runs_and_no_mistake(monkeypatch):
+    def refuse(path, *_, **__):
+        raise PermissionError(13, "Permission denied", path)
+
+    said = "run=runs/PickCube/act/wide2: there is no run yet, so a new one begins."
+    with monkeypatch.context() as patch:
+        patch.setattr("os.stat", refuse)
+        assert not os.path.isfile("runs/PickCube/act/wide/config.yaml")
+        patch.setattr("pathlib.Path.is_dir", lambda self: self.name == "act")
+        patch.setattr("pathlib.Path.exists", lambda self: False)
+        assert new_run_words("runs/PickCube/act/wide2") == said
+        patch.setattr("os.listdir", refuse)
+        assert new_run_words("runs/PickCube/act/wide2") == said
 
 
 @pytest.mark.parametrize("run", ["mine", "runs/PickCube/act/quick-level1", "runs/PickCube/act/note", "runs"])

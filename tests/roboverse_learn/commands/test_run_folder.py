@@ -15,9 +15,9 @@ from roboverse_learn.commands.run_folder import (
     default_folder,
     read_config,
     read_facts,
-    run_name,
     seed_of,
 )
+from roboverse_learn.commands.run_identity import run_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import default_values, to_values
@@ -135,6 +135,16 @@ def test_a_run_is_not_continued_with_fewer_steps_than_it_has_done() -> None:
             assert read_config(run.folder).train.steps == steps
 
 
+def test_the_first_command_of_a_run_that_was_extended_finds_it_as_it_is() -> None:
+    with RunFolder.open(config("train.steps=1000"), COMMAND) as run:
+        pass
+    with RunFolder.open(compose("train", [f"run={run.folder}", "train.steps=3000"]), COMMAND):
+        (run.folder / "checkpoints/003000").mkdir(parents=True)
+    with RunFolder.open(config("train.steps=1000"), COMMAND) as again:
+        assert again.folder == run.folder
+    assert read_config(run.folder).train.steps == 3000
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("word", ["seed=1", "policy.dim_model=256", "policy=diffusion", "num_demos=3"])
 def test_a_run_is_not_continued_as_another(word: str) -> None:
@@ -182,6 +192,10 @@ def test_a_run_does_not_take_the_place_of_anothers_results(tmp_path: Path) -> No
         RunFolder.open(compose("train", [*words, "seed=1", f"run={tmp_path / 'b/mine'}"]), COMMAND)
     RunFolder.open(compose("train", [*words, "seed=0", f"run={tmp_path / 'c/mine'}"]), COMMAND).close()
     RunFolder.open(compose("train", [*words, "seed=1", f"run={tmp_path / 'b/other'}"]), COMMAND).close()
+    begun = to_values(compose("train", [*words, "seed=0", "train.resume_from=/gone/checkpoint"]))
+    kept.write_text(json.dumps({"config": begun}))
+    with pytest.raises(ConfigError, match=r"train\.resume_from=nothing, it has /gone/checkpoint\. Name"):
+        RunFolder.open(compose("train", [*words, "seed=0", f"run={tmp_path / 'd/mine'}"]), COMMAND)
 
 
 def test_a_run_is_open_in_one_process_only() -> None:

@@ -87,7 +87,7 @@ class TestWords:
         [
             (["seed=range(0)"], "has no run"),
             (["seed=0,1", "run=mine"], "a sweep names its runs itself"),
-            (["evaluate.episodes=10,20"], r"share a folder\. Give evaluate\.episodes one value"),
+            (["evaluate.episodes=10,20"], r"share the folder '.*'\. Give evaluate\.episodes one value"),
             (["seed=0,1", "train.save_every=10,20"], r"Give train\.save_every one value"),
         ],
     )

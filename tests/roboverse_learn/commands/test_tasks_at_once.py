@@ -16,7 +16,8 @@ from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands import tasks_at_once
 from roboverse_learn.commands.collected import of_task
-from roboverse_learn.commands.run_folder import identity, read_facts
+from roboverse_learn.commands.run_folder import read_facts
+from roboverse_learn.commands.run_identity import identity
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data import DatasetInfo
 from tests.roboverse_learn.training.imitation.test_several_tasks_command import LIST, TINY
@@ -90,7 +91,7 @@ def test_chains_are_not_tasks():
 
 def logs_of(text):
     """Returns the folders of logs that a command names."""
-    return re.findall(r"Their logs: (\S+)", text)
+    return re.findall(r"Their logs, until all have succeeded: (\S+)", text)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import yaml
 from envs.core.errors import ConfigError, UnknownNameError
 from envs.core.json_values import to_json_values
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.commands.run_folder import identity, run_name
+from roboverse_learn.commands.run_identity import identity, run_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.data.sources import SOURCES

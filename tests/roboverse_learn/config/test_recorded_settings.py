@@ -53,6 +53,15 @@ def test_the_settings_of_a_collection_are_taken_in_place_of_the_presets(write):
     assert config.train.steps == 6000, "the preset still says how to train"
 
 
+@pytest.mark.parametrize(
+    ("recorded", "typed"), [({"level": 2}, "only=camera"), ({"only": "camera"}, "level=2")]
+)
+def test_what_varies_alone_takes_the_place_of_a_level_and_the_other_way(write, recorded, typed):
+    settings = SETTINGS | {"level": 0} | recorded
+    env = compose("train", ["policy=act", write({}, settings=settings), typed]).env
+    assert (env.level, env.only) == ((0, "camera") if typed == "only=camera" else (2, None))
+
+
 def test_words_and_arguments_win_over_the_dataset(write):
     dataset = write({}, settings=SETTINGS)
     typed = compose("train", ["policy=act", dataset, "image_size=64", "level=0"])

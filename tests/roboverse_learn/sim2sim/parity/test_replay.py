@@ -7,6 +7,8 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import envs
@@ -158,8 +160,11 @@ def test_a_replay_does_not_take_the_place_of_that_of_another_dataset(tmp_path, d
     monkeypatch.chdir(tmp_path)
     shutil.copytree(dataset, "moved")
     shutil.copytree(dataset, "other")
-    info = Path("other/meta/info.json")
-    info.write_text(json.dumps(json.loads(info.read_text()) | {"fps": 19}))
+    (data,) = Path("other/data").rglob("*.parquet")
+    table = pq.read_table(data)
+    index, actions = table.schema.get_field_index("action"), np.array(table["action"].to_pylist(), np.float32)
+    moved = pa.array((actions + 0.001).tolist(), table.schema.field("action").type)
+    pq.write_table(table.set_column(index, table.schema.field("action"), moved), data)
     words = ["replay", "episodes=1", "by=[states]"]
     assert main([*words, f"dataset={dataset}"]) == 0
     before = {path: path.read_bytes() for path in Path("replays").iterdir()}

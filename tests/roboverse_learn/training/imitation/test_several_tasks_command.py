@@ -16,7 +16,8 @@ from policies.mtact.policy import MtActPolicy
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.collected import joined_hash, of_task
-from roboverse_learn.commands.run_folder import identity, read_facts
+from roboverse_learn.commands.run_folder import read_facts
+from roboverse_learn.commands.run_identity import identity
 from roboverse_learn.config.compose import compose, configs_folder
 from roboverse_learn.config.recipes import TASKS, find_recipes
 from roboverse_learn.data import DatasetWriter

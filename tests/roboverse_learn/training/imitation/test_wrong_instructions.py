@@ -9,7 +9,7 @@ from envs.core.errors import ConfigError, MissingExtraError
 from envs.randomization.language import load_grammar
 from envs.spec import EnvSpec
 from policies.learned_tasks import LAST, UNRELATED, ZERO, Instructions, LearnedTask
-from roboverse_learn.commands.run_folder import identity, run_name
+from roboverse_learn.commands.run_identity import identity, run_name
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.imitation.wordings import with_bank_wordings
 from roboverse_learn.training.imitation.wrong_instructions import still_of, with_wrong_instructions

@@ -17,7 +17,8 @@ from envs.tasks.control.cartpole import Cartpole
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.policy import TaskSizes, Tdmpc2Policy
 from roboverse_learn import cli
-from roboverse_learn.commands.run_folder import identity, read_config, run_name
+from roboverse_learn.commands.run_folder import read_config
+from roboverse_learn.commands.run_identity import identity, run_name
 from roboverse_learn.commands.tested_checkpoint import checkpoints_to_test
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.sources.policy import PolicyEpisodes, find_demonstrator

@@ -12,7 +12,7 @@ from envs.core.errors import ConfigError, MissingExtraError, PolicyError
 from envs.core.extras import install_command
 from envs.tasks.control.cartpole import Cartpole
 from policies.ppo.config import PpoConfig
-from roboverse_learn.commands.run_folder import identity, run_name
+from roboverse_learn.commands.run_identity import identity, run_name
 from roboverse_learn.config.command_line_keys import at, flat_keys
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import to_values
