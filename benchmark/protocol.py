@@ -11,6 +11,7 @@ from envs.core.errors import ConfigError, unknown_name
 from envs.core.fingerprint import fingerprint
 from envs.randomization.levels import LEVELS, channels_of
 from envs.randomization.splits import SPLIT_NAMES, SPLITS
+from policies.base import listed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -240,19 +241,14 @@ def check_instruction_tests(names: Sequence[str], levels: Sequence[int], width: 
         check_instruction_test(name)
     if names and 0 not in levels:
         raise ConfigError(
-            f"instructions={_typed(names)} are compared with the right instruction, which is level 0; add "
-            f"it: levels={_typed([0, *levels])}."
+            f"instructions={listed(names)} are compared with the right instruction, which is level 0; add "
+            f"it: levels={listed(map(str, (0, *levels)))}."
         )
     if names and width is not None:
         raise ConfigError(
-            f"instructions={_typed(names)} are compared episode by episode, and width={width} ends each cell "
+            f"instructions={listed(names)} are compared episode by episode, and width={width} ends each cell "
             "after another number of them. Leave one out."
         )
-
-
-def _typed(values: Sequence[object]) -> str:
-    """Returns a list as a command line takes it: with a space in it, it would be two words."""
-    return f"[{','.join(map(str, values))}]"
 
 
 def _is_count(value: object, least: int) -> bool:

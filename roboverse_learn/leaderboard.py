@@ -39,14 +39,13 @@ def write_leaderboard(results_dir: Path) -> dict[str, Path]:
 
 def write_leaderboard_of(results_dir: Path, evaluations: "Iterable[Evaluation]") -> dict[str, Path]:
     """Writes the leaderboard of a folder; returns what concerns some evaluations: no plots of other tasks."""
+    from benchmark.leaderboard.results_folder import PLOTS
     from benchmark.leaderboard.section_plots import possible_plots
 
     written = write_leaderboard(results_dir)
     paths = [each.path.relative_to(results_dir).as_posix() for each in evaluations if each.path]
-    others = possible_plots(results_dir, written["json"]) - possible_plots(
-        results_dir, written["json"], paths
-    )
-    return {kind: path for kind, path in written.items() if path not in others}
+    plots = possible_plots(results_dir, written["json"], paths)
+    return {kind: path for kind, path in written.items() if path.parent.name != PLOTS or path in plots}
 
 
 def _prune_videos(results_dir: Path) -> int:

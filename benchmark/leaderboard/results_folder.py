@@ -1,4 +1,4 @@
-"""A folder of results: what a board makes of it, the results in it, and how it is told from other folders."""
+"""A folder of results: what a board makes of it, the results in it, and what other folders are."""
 
 import os
 import re

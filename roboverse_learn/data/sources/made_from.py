@@ -1,12 +1,39 @@
 """A dataset that was made from another one, which may have grown or changed since."""
 
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, override
 
 from envs.core.errors import DatasetError
 from roboverse_learn.data.collection.schedule import read_record
 from roboverse_learn.data.dataset.info import is_collected_here, read_info
+from roboverse_learn.data.sources.base import DemonstrationSource, Progress
+
+
+class MadeFromDataset(DemonstrationSource):
+    """A source whose demonstrations are those of another dataset, all of which decides what is made."""
+
+    @cached_property
+    def _origin_hash(self) -> str:
+        from roboverse_learn.data.dataset.raw import dataset_hash
+
+        return dataset_hash(self.config.from_dataset)[:16]
+
+    @override
+    def prepare(self, dataset: Path, progress: Progress) -> None:
+        """Refuses a dataset that was made when the other one was another."""
+        origin = self.config.from_dataset
+        now = read_info(Path(origin))["total_episodes"]
+        refuse_changed_origin(dataset, self.identity(), "dataset", origin, now=now)
+
+    @override
+    def name_part(self) -> str:
+        return f"{self.config.source}-{Path(self.config.from_dataset).name}"
+
+    @override
+    def identity(self) -> dict[str, Any]:
+        return {"source": self.config.source, "dataset": self._origin_hash}
 
 
 def refuse_changed_origin(

@@ -9,7 +9,6 @@ dataset has.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar, override
 
 from envs.playback import PlaybackEnv, ReplayActor
@@ -17,15 +16,14 @@ from envs.rollout import in_order, rollout
 from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
-from roboverse_learn.data.sources.base import DemonstrationSource, Progress
 from roboverse_learn.data.sources.expert import ExpertEpisodes
-from roboverse_learn.data.sources.made_from import refuse_changed_origin
+from roboverse_learn.data.sources.made_from import MadeFromDataset
 
 _SAME = ("task", "task_kwargs", "robot", "scenario")
 """Fields of the environment in which the states must have been recorded."""
 
 
-class RerenderSource(DemonstrationSource):
+class RerenderSource(MadeFromDataset):
     """``source=rerender from=<dataset>``."""
 
     episodes: ClassVar = "roboverse_learn.data.sources.rerender:RerenderedEpisodes"
@@ -50,22 +48,6 @@ class RerenderSource(DemonstrationSource):
         config, env = self.config, self.config.env
         first = RecordingReader(config.from_dataset).read(0).metadata
         check_same_scene(config.from_dataset, first, env, _SAME)
-
-    @override
-    def prepare(self, dataset: Path, progress: Progress) -> None:
-        """Refuses a dataset that was made when the other one was another."""
-        now = RecordingReader(self.config.from_dataset).info.num_episodes
-        refuse_changed_origin(dataset, self.identity(), "dataset", self.config.from_dataset, now=now)
-
-    @override
-    def name_part(self) -> str:
-        return f"rerender-{Path(self.config.from_dataset).name}"
-
-    @override
-    def identity(self) -> dict[str, Any]:
-        from roboverse_learn.data.dataset.raw import dataset_hash
-
-        return {"source": "rerender", "dataset": dataset_hash(self.config.from_dataset)[:16]}
 
     @override
     def candidates(self) -> list[int]:

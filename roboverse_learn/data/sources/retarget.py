@@ -14,12 +14,11 @@ from envs.core.errors import ConfigError
 from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices, recorded_spec, task_of
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
-from roboverse_learn.data.sources.base import DemonstrationSource, Progress
 from roboverse_learn.data.sources.expert import ExpertEpisodes
-from roboverse_learn.data.sources.made_from import refuse_changed_origin
+from roboverse_learn.data.sources.made_from import MadeFromDataset
 
 
-class RetargetSource(DemonstrationSource):
+class RetargetSource(MadeFromDataset):
     """``source=retarget from=<dataset> robot=<another>``: one episode for each of the dataset at most."""
 
     episodes: ClassVar = "roboverse_learn.data.sources.retarget:RetargetedEpisodes"
@@ -58,22 +57,6 @@ class RetargetSource(DemonstrationSource):
             )
         check_hands(task, (source.robot, task.robot))
         pool_indices(self._recordings)
-
-    @override
-    def prepare(self, dataset: Path, progress: Progress) -> None:
-        """Refuses a dataset that was made when the other one was another."""
-        now = self._recordings.info.num_episodes
-        refuse_changed_origin(dataset, self.identity(), "dataset", self.config.from_dataset, now=now)
-
-    @override
-    def name_part(self) -> str:
-        return f"retarget-{Path(self.config.from_dataset).name}"
-
-    @override
-    def identity(self) -> dict[str, Any]:
-        from roboverse_learn.data.dataset.raw import dataset_hash
-
-        return {"source": "retarget", "dataset": dataset_hash(self.config.from_dataset)[:16]}
 
     @override
     def candidates(self) -> list[int]:

@@ -96,7 +96,7 @@ def test_a_folder_inside_the_results_names_the_folder_of_results(publish, tmp_pa
         check_results_folder(tmp_path / below)
 
 
-def test_a_folder_inside_the_results_is_told_from_where_one_is(publish, tmp_path, monkeypatch):
+def test_the_folder_of_results_is_named_as_seen_from_the_working_folder(publish, tmp_path, monkeypatch):
     publish()
     for folder, given, root in ((tmp_path, "v2", "."), (tmp_path / "v2", ".", ".."), (tmp_path, ".", "")):
         monkeypatch.chdir(folder)
