@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from envs.core.errors import PolicyError
 from envs.core.registry import Registry
 from policies.base import Policy
+from policies.learned_tasks import TASK_INDEX
 
 if TYPE_CHECKING:
     from policies.imitation import ImitationPolicy
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "POLICIES", "Policy", "PolicyInfo", "Source", "check_of", "config_class", "create",
-    "create_scripted", "learner", "learns_from", "load", "names", "policy_class", "summary",
+    "create_scripted", "learner", "learns_from", "learns_several", "load", "names", "policy_class", "summary",
 ]  # fmt: skip
 
 Source = Literal["dataset", "env", "nothing"]
@@ -202,6 +203,16 @@ def policy_class(name: str) -> Any:
     from policies.module_policy import module_policy
 
     return module_policy(name, _checked(name, found))
+
+
+def learns_several(name: str) -> bool:
+    """Whether policy ``name`` learns several tasks of demonstrations together: its batches name each task.
+
+    Raises:
+        UnknownNameError: if there is no such policy.
+        PolicyError: if what is registered is no policy.
+    """
+    return TASK_INDEX in getattr(policy_class(name), "columns", ())
 
 
 def learner(name: str) -> str:

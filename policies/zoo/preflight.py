@@ -40,10 +40,7 @@ def check_packages(what: str, *packages: str) -> None:
         MissingExtraError: if one is not.
     """
     if missing := [name for name in packages if find_spec(name) is None]:
-        raise MissingExtraError(
-            f"{what} needs {' and '.join(missing)}: {install_command(EXTRA)}, or in a checkout "
-            f"uv pip install -c constraints.txt --override overrides.txt -e '.[{EXTRA}]'."
-        )
+        raise MissingExtraError(f"{what} needs {' and '.join(missing)}: {install_command(EXTRA)}")
 
 
 def packages_of_type(name: str) -> tuple[str, ...]:

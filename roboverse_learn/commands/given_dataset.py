@@ -10,7 +10,6 @@ from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
-from policies.learned_tasks import TASK_INDEX
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.config.schema import TrainRunConfig
@@ -146,7 +145,7 @@ def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
             f"task={named[0]}."
         )
     others = [task for task in named if task not in config.tasks]
-    if others and TASK_INDEX not in getattr(policies.policy_class(config.policy_name), "columns", ()):
+    if others and not policies.learns_several(config.policy_name):
         raise ConfigError(
             f"dataset={info.root} has episodes of {', '.join(others)}, too, and policy={config.policy_name} "
             f"reads no instruction that would tell them from {', '.join(config.tasks)}. Give a dataset of "

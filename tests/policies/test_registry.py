@@ -31,6 +31,11 @@ def test_an_unknown_policy_is_named_with_the_nearest():
         policies.config_class("difusion")
 
 
+def test_policies_that_read_instructions_are_known():
+    assert policies.learns_several("mtact") and policies.learns_several("octo")
+    assert not policies.learns_several("act") and not policies.learns_several("diffusion")
+
+
 def test_listing_imports_nothing_heavy():
     code = (
         "import sys, policies; [policies.config_class(n)() for n in policies.names()];"
