@@ -82,7 +82,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     suites = read_suites(results_dir)
     in_suites = without_section(suites)
     results = [result for _, result in loaded]
-    kinds = classify(results)
+    kinds = classify(results, train or {})
     kind_of = {path: kind for (path, _), kind in zip(loaded, kinds, strict=True)}
     groups: dict[tuple[str, ...], list[Entry]] = {}
     for path, result in loaded:

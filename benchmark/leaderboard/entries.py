@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from benchmark.leaderboard.recipe_settings import learned_settings
+from benchmark.leaderboard.recipe_settings import unusual_settings
 from benchmark.leaderboard.rows import (
     demonstrated_by,
     policy_and_backend,
@@ -75,13 +75,14 @@ class BoardEntry:
         return asdict(self)
 
 
-def classify(results: Sequence[Result]) -> list[tuple[str, BoardEntry | None]]:
+def classify(results: Sequence[Result], train: Mapping[str, Any]) -> list[tuple[str, BoardEntry | None]]:
     """Returns the kind of each result, ``entry``, ``study`` or ``baseline``, and the entry that it is of.
 
     Args:
         results: All results of a folder.
+        train: Defaults of the training.
     """
-    keys = [_budget_key(result) for result in results]
+    keys = [_budget_key(result, train) for result in results]
     tasks: dict[tuple[str, int | None], set[str]] = {}
     unchanged: set[str] = set()
     for key, result in zip(keys, results, strict=True):
@@ -116,7 +117,7 @@ def is_foreign(result: Result) -> bool:
     return not is_baseline(result) and "train" not in trained_with(result) and not result.recipe
 
 
-def _budget_key(result: Result) -> str | None:
+def _budget_key(result: Result, train: Mapping[str, Any]) -> str | None:
     """Returns what the results of one entry share, whatever the task, level and seed; None for studies."""
     trained = trained_with(result)
     preset = trained.get("preset")
@@ -132,7 +133,7 @@ def _budget_key(result: Result) -> str | None:
         "image_size": trained.get("image_size") if result.sees_images else None,
         "simulator": [trained.get(key) for key in ("simulator", "renderer", "simulator_settings")],
         "changed": [trained.get(key) or None for key in ("scenario", "materials")],
-        "settings": learned_settings(trained.get("policy"), trained.get("train")),
+        "settings": unusual_settings(result.policy, trained.get("policy"), trained.get("train"), train),
         **training_length(result),
     }
     if steps := steps_per_look(result):  # without it an entry keeps its id

@@ -26,7 +26,7 @@ def completed(config: Mapping[str, Any], policy: str, train: Mapping[str, Any]) 
         policy: Name of the policy, whose own defaults are those of its dataclass.
         train: Defaults of the training.
     """
-    own = asdict(policies.config_class(policy)()) if policy in policies.names() else {}
+    own = _own(policy)
     filled = dict(config)
     for key, defaults in (("policy", own), ("train", train)):
         if isinstance(config.get(key), Mapping):
@@ -51,6 +51,30 @@ def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
         key: values for key, values in (("policy", policy), ("train", train)) if isinstance(values, Mapping)
     }  # a result may lack them
     return {key: value for key, value in flat(settings).items() if key not in _FREE}
+
+
+def unusual_settings(name: str, policy: Any, train: Any, usual_train: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the settings of :func:`learned_settings` that are not the defaults.
+
+    A key that is added to a policy or to the training changes nothing of it.
+
+    Args:
+        name: Name of the policy.
+        policy: Its settings.
+        train: Settings of its training.
+        usual_train: Defaults of the training.
+    """
+    usual = learned_settings(_own(name), usual_train)
+    settings = learned_settings(policy, train)
+    return {key: value for key, value in settings.items() if _is_unusual(key, value, usual)}
+
+
+def _is_unusual(key: str, value: Any, usual: Mapping[str, Any]) -> bool:
+    return key not in usual or canonical_json(value) != canonical_json(usual[key])  # a tuple is a list there
+
+
+def _own(policy: str) -> dict[str, Any]:
+    return asdict(policies.config_class(policy)()) if policy in policies.names() else {}
 
 
 def differing(settings: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -39,6 +39,17 @@ def test_a_recipe_is_an_entry_and_its_seeds_are_one_row(publish, tmp_path):
     assert (row["kind"], row["entry"], row["seeds"]) == ("entry", entry["id"], [0, 1])
 
 
+def test_an_entry_keeps_its_id_when_training_gets_a_further_setting(publish, tmp_path):
+    for task in ("PickCube", "StackCube"):
+        publish(run=task, task=task, **changed())
+    before = leaderboard.build(tmp_path, {"lr": 1e-5})["entries"]
+    assert len(before) == 1
+    assert leaderboard.build(tmp_path, {"lr": 1e-5, "mixing": 0.0})["entries"] == before
+    publish(run="other", task="CloseBox", **changed(config=settings(lr=2e-4)))
+    publish(run="another", task="PickCube", seed=1, **changed(config=settings(lr=2e-4)))
+    assert len(leaderboard.build(tmp_path, {"lr": 1e-5})["entries"]) == 2, "a setting that differs counts"
+
+
 def test_versions_of_a_recipe_are_different_entries(publish, tmp_path):
     publish()
     publish(run="two", recipe="act_v2")
