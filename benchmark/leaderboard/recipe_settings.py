@@ -56,7 +56,7 @@ def learned_settings(policy: Any, train: Any) -> dict[str, Any]:
 def unusual_settings(name: str, policy: Any, train: Any, usual_train: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the settings of :func:`learned_settings` that are not the defaults.
 
-    A key that is added to a policy or to the training changes nothing of it.
+    A key that is added to a policy or to the training changes nothing of it; a default that changes does.
 
     Args:
         name: Name of the policy.

@@ -220,12 +220,11 @@ class NutAssembly(Task):
         for nut in self.nuts:
             body, peg = state.objects[nut.name], state.objects[nut.peg].pos[0].numpy()
             way = self._pick(robot, body, nut, rng)
-            last, at_handle = way[-1], _on_handle(body, nut.grip_m)
-            hand = robot.pos.new_tensor(last.pos)[None]
-            turned = torch.from_numpy(from_yaw(np.array([last.yaw + np.pi / 2])))
-            moved = dataclasses.replace(robot, ee_pos=hand, ee_rot=turned)
-            carried = dataclasses.replace(body, pos=hand + body.pos - at_handle)
-            ways += [*way, *self._place(moved, carried, peg, rng), away]
+            robot = _moved(robot, way[-1])
+            carried = dataclasses.replace(body, pos=ee_pos(robot) + body.pos - _on_handle(body, nut.grip_m))
+            placed = self._place(robot, carried, peg, rng)
+            robot = _moved(robot, placed[-1])
+            ways += [*way, *placed, away]
         return ways
 
     def _is_done(self, state: State, nut: Nut) -> Tensor:
@@ -256,8 +255,8 @@ class NutAssembly(Task):
     ) -> list[Waypoint]:
         """Returns the way of a hand that comes from a peg to where it sees how the next nut lies.
 
-        A policy learns a grasp from images that show the handle. Without a stop, a hand would turn to the
-        handle on its way, and no demonstration would turn one that came wrongly turned.
+        A policy learns a grasp from images that show the handle. Without a stop, the hand would turn to the
+        handle on its way, and no demonstration would show how to correct a wrong turn.
         """
         hand, place = ee_pos(robot)[0].numpy(), body.pos[0].numpy()
         if np.linalg.norm((hand - place)[:2]) < LOOK_FROM_M:
@@ -345,6 +344,12 @@ class NutAssemblyRound(NutAssembly):
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
     return point_on(body, (along_m, 0.0, 0.0))
+
+
+def _moved(robot: EntityState, way: Waypoint) -> EntityState:
+    """Returns a robot whose hand is at a waypoint."""
+    hand, yaw = robot.pos.new_tensor(way.pos)[None], np.array([way.yaw + np.pi / 2])
+    return dataclasses.replace(robot, ee_pos=hand, ee_rot=torch.from_numpy(from_yaw(yaw)))
 
 
 def _way(pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:

@@ -1,7 +1,4 @@
-"""Nuts and pegs of robosuite's NutAssembly (``models/assets/arenas/pegs_arena.xml``, MIT).
-
-Its table top is at z = 0.82 m, ours at 0.
-"""
+"""Nuts and pegs of robosuite's NutAssembly (``models/assets/arenas/pegs_arena.xml``, MIT)."""
 
 from dataclasses import dataclass
 

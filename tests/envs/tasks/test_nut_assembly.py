@@ -140,8 +140,16 @@ def test_expert_stops_before_the_second_nut_where_the_wrist_sees_it(seed):
     assert look.pos == pytest.approx([-0.105, -0.1, 0.19], abs=0.04)  # 4 standard deviations of 1 cm
     assert abs(look.yaw) < 0.4  # turned as at the start, whatever the handle's direction
     handle = _on_handle(state.objects["round_nut"], ROUND_NUT.grip_m)[0, :2].numpy()
-    assert over.pos[:2] == pytest.approx(handle, abs=0.2)
+    assert over.pos[:2] == pytest.approx(handle, abs=0.15)  # by a point beside it, 3 cm off, at times
     assert over.yaw == _grasp_turn(float(yaw_of(state.objects["round_nut"].rot[0].numpy())))
+
+
+def test_a_robots_place_is_sought_for_the_stop_too():
+    state = between_nuts(hand=(-0.1, 0.0, 0.19))  # from where no stop is needed
+    state.objects["square_nut"].pos = vector(-0.112, 0.17, 0.01)
+    ways = BOTH.foreseen(state, np.random.default_rng(0))
+    stop = np.array([-0.105, -0.1, 0.19])
+    assert min(np.linalg.norm(way.pos - stop) for way in ways if abs(way.yaw) < 0.4) < 0.05
 
 
 def test_expert_that_is_near_the_second_nut_takes_it_at_once():
