@@ -50,7 +50,7 @@ def test_dataset_of_another_scene_is_not_continued(tmp_path: Path) -> None:
     same = f"dataset={dataset_folder(first)}"
     with pytest.raises(DatasetError, match=r"scenario=None.*now given: scenario=\{'room': None\}"):
         collect_dataset(config(tmp_path, same, "num_demos=2", "scenario.room=null"))
-    with pytest.raises(DatasetError, match="have 20 and 10 fps"):
+    with pytest.raises(DatasetError, match="the episodes to be added have 20 and 10 fps"):
         collect_dataset(config(tmp_path, same, SLOW))
 
 
