@@ -15,11 +15,19 @@ from torch import Tensor
 
 from envs.kinematics.waypoints import Waypoint, correction_s, miss
 from envs.rotations import from_yaw, rotate, wrapped, yaw_of
-from envs.scenario import GeomCfg, ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
+from envs.scenario import ObjectCfg, RobotCfg, ScenarioCfg, TableCfg
 from envs.state import EntityState, State
 from envs.tasks.arm_at_table import above
 from envs.tasks.base import Task
 from envs.tasks.parameters import interval, parameter
+from envs.tasks.robosuite.nuts import (
+    NUT_HALF_HEIGHT_M,
+    PEG_TOP_M,
+    ROUND_NUT,
+    SQUARE_NUT,
+    TABLE_HEIGHT_M,
+    Nut,
+)
 from envs.tasks.robosuite.scene import UPRIGHT_PITCH_RAD, panda, pedestal
 from envs.tasks.skills.from_above import grasp, set_down
 from envs.tasks.tabletop import (
@@ -38,13 +46,6 @@ from envs.tasks.tabletop import (
     wrist_camera,
 )
 
-TABLE_HEIGHT_M = 0.82
-NUT_HALF_HEIGHT_M = 0.01
-PEG_HALF_HEIGHT_M = 0.1
-PEG_Z_M = 0.85 - TABLE_HEIGHT_M
-PEG_TOP_M = PEG_Z_M + PEG_HALF_HEIGHT_M
-"""``models/assets/arenas/pegs_arena.xml``: the lower part of each peg is inside the table."""
-
 MAX_REACH = 0.6
 """Success takes ``1 - tanh(10 d)`` below this, for the distance d from the hand to the nut's centre."""
 
@@ -62,60 +63,19 @@ CARRY_HEIGHT_M = PEG_TOP_M + 0.045
 RELEASE_HEIGHT_M = 0.035
 """Height at which the expert opens the gripper: the peg guides the nut, and the hand clears the peg."""
 
+LOOK_X_M, LOOK_Y_M, LOOK_Z_M = -0.105, 0.1, 0.19
+"""Where the expert stops between two nuts, y towards the next: the wrist's camera sees all its places there.
+
+It is about where the hand starts. Over the pegs no camera shows more of the next handle than a few pixels."""
+
+LOOK_FROM_M, LOOK_TURN_RAD = 0.2, 0.1
+"""Horizontal distance from the next nut above which it stops there; standard deviation of its turn there."""
+
 YAW_RANGE_RAD = (-1.9, 3.0)
 """Turns of the hand that the wrist's joint limits leave over nuts and pegs alike."""
 
 _PLACED_ROBOT = panda(-0.56, table_height_m=TABLE_HEIGHT_M)
 _CAMERA = dataclasses.replace(FRONT_CAMERA, fovy_deg=30.0)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Nut:
-    """A kind of nut and its peg.
-
-    Attributes:
-        name: Name of the nut.
-        peg: Name of its peg.
-        peg_geom: The peg.
-        peg_pos: The peg's middle, m.
-        side: 1 if the nut starts at positive y, -1 if at negative.
-        handle_m: Distance of the handle's middle from the nut's centre, along the nut's x axis: where
-            robosuite's reward reaches for.
-        grip_m: Where the expert takes the handle: clear of the ring.
-    """
-
-    name: str
-    peg: str
-    peg_geom: GeomCfg
-    peg_pos: tuple[float, float, float]
-    side: int
-    handle_m: float
-    grip_m: float
-
-    @property
-    def mjcf(self) -> str:
-        """The nut's file."""
-        return f"robosuite:models/assets/objects/{self.name.replace('_', '-')}.xml"
-
-
-SQUARE_NUT = Nut(
-    name="square_nut",
-    peg="square_peg",
-    peg_geom=GeomCfg(shape="box", size=(0.016, 0.016, PEG_HALF_HEIGHT_M), rgba=(0.62, 0.45, 0.12, 1.0)),
-    peg_pos=(0.23, 0.1, PEG_Z_M),
-    side=1,
-    handle_m=0.054,
-    grip_m=0.062,
-)
-ROUND_NUT = Nut(
-    name="round_nut",
-    peg="round_peg",
-    peg_geom=GeomCfg(shape="cylinder", size=(0.02, PEG_HALF_HEIGHT_M), rgba=(0.45, 0.46, 0.48, 1.0)),
-    peg_pos=(0.23, -0.1, PEG_Z_M),
-    side=-1,
-    handle_m=0.06,
-    grip_m=0.068,
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,12 +220,11 @@ class NutAssembly(Task):
         for nut in self.nuts:
             body, peg = state.objects[nut.name], state.objects[nut.peg].pos[0].numpy()
             way = self._pick(robot, body, nut, rng)
-            last, at_handle = way[-1], _on_handle(body, nut.grip_m)
-            hand = robot.pos.new_tensor(last.pos)[None]
-            turned = torch.from_numpy(from_yaw(np.array([last.yaw + np.pi / 2])))
-            moved = dataclasses.replace(robot, ee_pos=hand, ee_rot=turned)
-            carried = dataclasses.replace(body, pos=hand + body.pos - at_handle)
-            ways += [*way, *self._place(moved, carried, peg, rng), away]
+            robot = _moved(robot, way[-1])
+            carried = dataclasses.replace(body, pos=ee_pos(robot) + body.pos - _on_handle(body, nut.grip_m))
+            placed = self._place(robot, carried, peg, rng)
+            robot = _moved(robot, placed[-1])
+            ways += [*way, *placed, away]
         return ways
 
     def _is_done(self, state: State, nut: Nut) -> Tensor:
@@ -291,17 +250,36 @@ class NutAssembly(Task):
             round_it &= target_gap(robot, self.robot) < gap - 0.001
         return round_it & (distance(ee_pos(robot), _on_handle(body, nut.grip_m)) < GRASP_REACH_M)
 
+    def _look(
+        self, robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Generator
+    ) -> list[Waypoint]:
+        """Returns the way of a hand that comes from a peg to where it sees how the next nut lies.
+
+        A policy learns a grasp from images that show the handle. Without a stop, the hand would turn to the
+        handle on its way, and no demonstration would show how to correct a wrong turn.
+        """
+        hand, place = ee_pos(robot)[0].numpy(), body.pos[0].numpy()
+        if np.linalg.norm((hand - place)[:2]) < LOOK_FROM_M:
+            return []
+        over = np.array([LOOK_X_M, nut.side * LOOK_Y_M, LOOK_Z_M])
+        over += rng.normal(0.0, self.approach_noise_m, 3)
+        turn = float(rng.normal(0.0, LOOK_TURN_RAD))
+        travel, spin = float(np.linalg.norm(over - hand)), abs(turn - hand_yaw(robot))
+        return [_way(over, turn, GRASP_OPEN_M, 0.4 + 2.0 * travel + 0.4 * spin, hold_s=0.1)]
+
     def _pick(
         self, robot: EntityState, body: EntityState, nut: Nut, rng: np.random.Generator
     ) -> list[Waypoint]:
         """Returns the way to take a nut by its handle and to lift it."""
+        look = self._look(robot, body, nut, rng) if nut is not self.nuts[0] else []
         handle = _on_handle(body, nut.grip_m)[0].numpy()
         handle[2] = max(handle[2], NUT_HALF_HEIGHT_M)
         turn = _grasp_turn(float(yaw_of(body.rot[0].numpy())))
         # The approach first misses: the next motion demonstrates the correction.
         over_handle = handle + np.array([*rng.normal(0.0, self.approach_noise_m, 2), rng.uniform(0.06, 0.09)])
-        turn_s = 0.7 + 0.4 * abs(turn - hand_yaw(robot))
+        turn_s = 0.7 + 0.4 * abs(turn - (look[-1].yaw if look else hand_yaw(robot)))
         return [
+            *look,
             *grasp(_way(over_handle, turn, GRASP_OPEN_M, turn_s), handle, rng, self.detour_m),
             _way(np.array([*handle[:2], CARRY_HEIGHT_M]), turn, GRASP_CLOSED_M, 0.7),
         ]
@@ -366,6 +344,12 @@ class NutAssemblyRound(NutAssembly):
 def _on_handle(body: EntityState, along_m: float) -> Tensor:
     """Returns the point of the nut's handle at ``along_m`` from its centre, (N, 3)."""
     return point_on(body, (along_m, 0.0, 0.0))
+
+
+def _moved(robot: EntityState, way: Waypoint) -> EntityState:
+    """Returns a robot whose hand is at a waypoint."""
+    hand, yaw = robot.pos.new_tensor(way.pos)[None], np.array([way.yaw + np.pi / 2])
+    return dataclasses.replace(robot, ee_pos=hand, ee_rot=torch.from_numpy(from_yaw(yaw)))
 
 
 def _way(pos: np.ndarray, yaw: float, gripper: float, duration_s: float, hold_s: float = 0.0) -> Waypoint:

@@ -6,8 +6,15 @@ import torch
 
 from envs.core.errors import UnknownNameError
 from envs.gym_env import make_vec
-from envs.rotations import from_yaw, multiply
-from envs.tasks.nut_assembly import YAW_RANGE_RAD, NutAssembly, NutAssemblySquare, _grasp_turn
+from envs.rotations import from_yaw, multiply, yaw_of
+from envs.tasks.nut_assembly import (
+    YAW_RANGE_RAD,
+    NutAssembly,
+    NutAssemblySquare,
+    _grasp_turn,
+    _on_handle,
+)
+from envs.tasks.robosuite.nuts import ROUND_NUT
 from envs.tasks.tabletop import hand_yaw
 
 BOTH, SQUARE = NutAssembly(), NutAssemblySquare()
@@ -116,6 +123,39 @@ def test_a_wrong_variant_is_named(task):
         UnknownNameError, match=rf"variant of {task.name} 'robosuit'\. Did you mean 'robosuite'"
     ):
         task(variant="robosuit")
+
+
+def between_nuts(hand):
+    """The square nut on its peg, and the open hand at a place (3,)."""
+    state = assembled()
+    state.objects["round_nut"].pos = vector(-0.112, -0.17, 0.01)
+    state.robots["franka"].ee_pos = vector(*hand)
+    return state
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_expert_stops_before_the_second_nut_where_the_wrist_sees_it(seed):
+    state = between_nuts(hand=(0.165, 0.1, 0.18))
+    look, over, *_ = BOTH.expert(state, np.random.default_rng(seed))
+    assert look.pos == pytest.approx([-0.105, -0.1, 0.19], abs=0.04)  # 4 standard deviations of 1 cm
+    assert abs(look.yaw) < 0.4  # turned as at the start, whatever the handle's direction
+    handle = _on_handle(state.objects["round_nut"], ROUND_NUT.grip_m)[0, :2].numpy()
+    assert over.pos[:2] == pytest.approx(handle, abs=0.15)  # by a point beside it, 3 cm off, at times
+    assert over.yaw == _grasp_turn(float(yaw_of(state.objects["round_nut"].rot[0].numpy())))
+
+
+def test_a_robots_place_is_sought_for_the_stop_too():
+    state = between_nuts(hand=(-0.1, 0.0, 0.19))  # from where no stop is needed
+    state.objects["square_nut"].pos = vector(-0.112, 0.17, 0.01)
+    ways = BOTH.foreseen(state, np.random.default_rng(0))
+    stop = np.array([-0.105, -0.1, 0.19])
+    assert min(np.linalg.norm(way.pos - stop) for way in ways if abs(way.yaw) < 0.4) < 0.05
+
+
+def test_expert_that_is_near_the_second_nut_takes_it_at_once():
+    state = between_nuts(hand=(-0.1, -0.1, 0.18))
+    first, *_ = BOTH.expert(state, np.random.default_rng(0))
+    assert first.yaw == _grasp_turn(float(yaw_of(state.objects["round_nut"].rot[0].numpy())))
 
 
 def test_reward_by_hand():
