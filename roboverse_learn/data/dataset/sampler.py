@@ -66,6 +66,11 @@ class EpisodeAwareSampler:
         """The epoch that the next frame belongs to, from 0."""
         return self._epoch
 
+    @property
+    def num_sampled(self) -> int:
+        """Frames that were sampled so far, over all epochs and processes."""
+        return self._epoch * self.num_frames + self._position
+
     def next_batch(self) -> np.ndarray:
         """Returns this process's frames of the next batch, int64 (batch_size / world_size,)."""
         return self.next_frames(self._batch_size)[self._rank :: self._world_size]
@@ -179,13 +184,16 @@ class MixtureSampler:
 
     def state_dict(self) -> dict[str, Any]:
         """Returns the position in the order of each group."""
-        return {"batches": self._batches, "groups": [member.state_dict() for member in self._members]}
+        return {"groups": [member.state_dict() for member in self._members]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continues from a position that :meth:`state_dict` gave."""
-        self._batches = int(state["batches"])
+        """Continues from a position that :meth:`state_dict` gave, also before there was ``mixing``.
+
+        How many batches there were follows from the frames that were sampled.
+        """
         for member, own in zip(self._members, state["groups"], strict=True):
             member.load_state_dict(own)
+        self._batches = sum(member.num_sampled for member in self._members) // self._batch_size
 
 
 def make_sampler(
