@@ -147,9 +147,7 @@ def test_the_tasks_of_one_dataset_are_mixed_by_their_frames(tmp_path):
             writer.add_episode(episode)
     words = ["policy=mtact", "task=PickCube", f"dataset={tmp_path}", "train.mixing=1"]
     learner_of(compose("train", [*words, "train.batch_size=4"]), "cpu").check()
-    with pytest.raises(
-        ConfigError, match=r"batch_size=3 must .* of 2 tasks, .* a share of 0\.75\. Give"
-    ):
+    with pytest.raises(ConfigError, match=r"batch_size=3 must .* of 2 tasks, .* a share of 0\.75\. Give"):
         learner_of(compose("train", [*words, "train.batch_size=3"]), "cpu").check()
 
 
