@@ -51,13 +51,17 @@ def resolve(directory: str | Path) -> Path:
     if not directory.is_dir():
         what = "is a file" if directory.exists() else "does not exist"
         raise PolicyError(f"Checkpoint '{directory}' {what}. {_ADVICE}")
-    steps = [path.name for path in directory.glob("checkpoints/[0-9]*") if path.name.isdigit()]
-    numbered = [f"checkpoints/{step}" for step in sorted(steps, key=int, reverse=True)]
-    inside = [f"{checkpoint}/pretrained_model" for checkpoint in (".", "checkpoints/last", *numbered)]
-    for inner in ("", *inside):
-        if (directory / inner / CONFIG).is_file():
-            return directory / inner
+    checkpoints = (directory, directory / "checkpoints" / "last", *reversed(of_steps(directory)))
+    for found in (directory, *(checkpoint / "pretrained_model" for checkpoint in checkpoints)):
+        if (found / CONFIG).is_file():
+            return found
     raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")
+
+
+def of_steps(run: Path) -> list[Path]:
+    """Returns the checkpoints of a run, oldest first: their folders are named by their steps alone."""
+    found = [path for path in (run / "checkpoints").glob("[0-9]*") if path.name.isdecimal()]
+    return sorted(found, key=lambda path: int(path.name))
 
 
 def weights_path(directory: Path) -> Path:

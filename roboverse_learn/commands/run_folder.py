@@ -22,7 +22,7 @@ from filelock import BaseFileLock
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError
 from envs.core.fingerprint import digest
-from policies.checkpoint import HASHES
+from policies.checkpoint import HASHES, of_steps
 from roboverse_learn.commands.run_identity import changes, changes_of_result, is_of_others, run_name
 from roboverse_learn.commands.scene_labels import fit_for_a_file
 from roboverse_learn.config.schema import TrainRunConfig
@@ -232,8 +232,9 @@ def step_of(checkpoint: Path) -> int | None:
     checkpoint = checkpoint.resolve()
     folders, hashes = [checkpoint.parent], checkpoint / HASHES
     if checkpoint.parent.name == "last" and hashes.is_file():  # copied as a folder, beside the one it was
-        twins = checkpoint.parent.parent.glob(f"[0-9]*/{checkpoint.name}/{HASHES}")
-        folders = [twin.parent.parent for twin in twins if twin.read_bytes() == hashes.read_bytes()]
+        twins = [each / checkpoint.name / HASHES for each in of_steps(checkpoint.parents[2])]
+        same = [twin for twin in twins if twin.is_file() and twin.read_bytes() == hashes.read_bytes()]
+        folders = [twin.parents[1] for twin in same]
     return max((int(each.name) for each in folders if each.name.isdecimal()), default=None)
 
 
@@ -265,9 +266,7 @@ def _continued(folder: Path, config: TrainRunConfig) -> TrainRunConfig:
             f"The run '{folder}' was started with another configuration: you gave {what}. "
             "Leave these keys out to continue it, or leave out run= to start a new run."
         )
-    done = max(
-        (int(each.name) for each in folder.glob("checkpoints/[0-9]*") if each.name.isdecimal()), default=0
-    )
+    done = max((int(each.name) for each in of_steps(folder)), default=0)
     given = config.train.steps
     if given >= min(done, before.train.steps):  # an agent's last steps may go beyond those that were wanted
         return config

@@ -7,6 +7,7 @@
     <run>/checkpoints/last                       link to the newest
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from envs.core.atomic import atomic_directory, partial_path, remove_partial_files, write_errors
 from envs.core.errors import CheckpointError
+from policies.checkpoint import of_steps
 
 PRETRAINED = "pretrained_model"
 STATE = "training_state"
@@ -80,18 +82,27 @@ def save_checkpoint(
         content = {name: getattr(state, name) for name in names}
         (inner / _JSON).write_text(json.dumps({"format": _FORMAT, **content}, indent=2), encoding="utf-8")
     _point_last_at(directory)
-    for old in directory.parent.glob(f"[0-9]*/{STATE}"):
-        if old.parent.name != directory.name:
-            shutil.rmtree(old, ignore_errors=True)
+    for other in of_steps(run_dir):
+        if other != directory:
+            shutil.rmtree(other / STATE, ignore_errors=True)
     return directory / PRETRAINED
 
 
 def _point_last_at(directory: Path) -> None:
+    """Makes ``last`` a link to a checkpoint, also where it is a folder, as in a copy without links."""
     last = directory.parent / "last"
     with write_errors(last):
-        link = partial_path(last)
+        link, aside = partial_path(last), partial_path(last)
         link.symlink_to(directory.name)
+        if _is_copied(last):
+            os.rename(last, aside)
         os.replace(link, last)
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _is_copied(last: Path) -> bool:
+    """Whether ``last`` is a folder of its own, as in a copy without links."""
+    return last.is_dir() and not last.is_symlink()
 
 
 def load_checkpoint(directory: Path, settings: Mapping[str, Any]) -> TrainState:
@@ -126,8 +137,18 @@ def load_checkpoint(directory: Path, settings: Mapping[str, Any]) -> TrainState:
 def remove_leftovers(run_dir: Path) -> None:
     """Puts right what a killed run was writing; only the one process that has the run open may."""
     remove_partial_files(run_dir / "checkpoints")
+    _number_copied(run_dir / "checkpoints" / "last")
     if newest := _newest(run_dir):
         _point_last_at(newest)
+
+
+def _number_copied(last: Path) -> None:
+    """Names a folder ``last`` by its step, where a copy has it alone: training deletes what is no link."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # else reading it says what is wrong
+        step = json.loads((last / STATE / _JSON).read_text(encoding="utf-8"))["step"]
+        place = last.with_name(f"{step:06d}")
+        if _is_copied(last) and not place.exists():
+            os.rename(last, place)
 
 
 def last_checkpoint(run_dir: Path) -> Path | None:
@@ -140,8 +161,7 @@ def last_checkpoint(run_dir: Path) -> Path | None:
 
 def _newest(run_dir: Path) -> Path | None:
     """Returns the folder with the largest step that training can resume from, or None."""
-    found = [path.parent for path in (run_dir / "checkpoints").glob(f"[0-9]*/{STATE}")]
-    return max(found, key=lambda path: int(path.name), default=None)
+    return next((path for path in reversed(of_steps(run_dir)) if (path / STATE).is_dir()), None)
 
 
 def not_finite(tensors: Mapping[str, Tensor]) -> str:

@@ -135,7 +135,7 @@ def learner_of(config: "TrainRunConfig", device: str) -> Learner:
     Raises:
         UnknownNameError: if the policy or its learner is not registered.
         ConfigError: if the policy needs no training, or is an agent under ``accelerate launch`` or with
-            ``train.resume_from``.
+            ``train.resume_from`` or ``train.mixing``.
         MissingExtraError: if a package that it needs is not installed.
     """
     name = config.policy_name
@@ -148,8 +148,9 @@ def learner_of(config: "TrainRunConfig", device: str) -> Learner:
             f"policy={name} learns in one process; start it without `accelerate launch`. It uses one GPU "
             "fully with more environments: raise policy.num_envs."
         )
-    if issubclass(found, AgentLearner) and config.train.resume_from:
-        raise ConfigError(
-            f"policy={name} takes no train.resume_from, which is for demonstrations; leave it out."
-        )
+    for key in ("resume_from", "mixing"):
+        if issubclass(found, AgentLearner) and getattr(config.train, key):
+            raise ConfigError(
+                f"policy={name} takes no train.{key}, which is for demonstrations; leave it out."
+            )
     return found(config, device)

@@ -139,6 +139,26 @@ def test_comparison_renders_and_compares():
     assert not LazyPixels(["front"], lambda: {"front": 3}) != {"front": 3}  # noqa: SIM202
 
 
+def test_images_are_equal_by_their_pixels():
+    def lazy(**changed):
+        return LazyPixels(IMAGES, lambda: {name: image.copy() for name, image in (IMAGES | changed).items()})
+
+    plain = {name: image.copy() for name, image in IMAGES.items()}
+    for same in (lazy(), plain, IMAGES):
+        assert lazy() == same and same == lazy()
+        assert not lazy() != same and not same != lazy()  # noqa: SIM202
+    for other in (lazy(front=IMAGES["wrist"]), lazy(front=IMAGES["front"][:1]), plain | {"front": None}):
+        assert lazy() != other and other != lazy()
+        assert not lazy() == other  # noqa: SIM201
+
+
+@pytest.mark.parametrize("other", [None, 7, {}, {"front": None}], ids=str)
+def test_what_has_other_cameras_differs_without_drawing(lazy, other):
+    pixels, draw = lazy
+    assert pixels != other and other != pixels
+    assert draw.calls == 0
+
+
 def test_it_cannot_be_hashed(lazy):
     with pytest.raises(TypeError, match="unhashable"):
         hash(lazy[0])

@@ -83,7 +83,7 @@ class DatasetInfo:
             features=info["features"],
             num_episodes=info["total_episodes"],
             num_frames=info["total_frames"],
-            stats=_read_stats(root / STATS_PATH),
+            stats=read_stats(root / STATS_PATH),
             tasks=tuple(read_tasks(root)),
             episodes=tuple(episodes),
         )
@@ -216,7 +216,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _read_stats(path: Path) -> statistics.Stats:
+def read_stats(path: Path) -> statistics.Stats:
     """Reads ``meta/stats.json``; a dataset may have none.
 
     Raises:

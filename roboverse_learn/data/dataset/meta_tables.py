@@ -68,6 +68,11 @@ def episode_row(
     return row
 
 
+def combined_stats(rows: Sequence[Mapping[str, Any]]) -> statistics.Stats:
+    """Returns the statistics of the episodes of rows together, their quantiles averaged; empty of none."""
+    return statistics.combine(row_stats(row) for row in rows) or {}
+
+
 def row_stats(row: Mapping[str, Any]) -> statistics.Stats:
     """Reads an episode's statistics out of its row."""
     stats: statistics.Stats = {}

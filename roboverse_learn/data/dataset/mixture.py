@@ -118,6 +118,11 @@ def mixed_features(all_features: Sequence[Mapping[str, Feature]]) -> dict[str, F
     return features
 
 
+def frames_of_tasks(info: DatasetInfo, name: str) -> dict[str, int]:
+    """Returns the frames of each task that the episodes of a dataset name, else all as of task ``name``."""
+    return {group.name: int(info.episode_lengths[group.episodes].sum()) for group in _groups(info, 0, name)}
+
+
 def _joined_columns(parts: Sequence[ResidentDataset], sizes: Mapping[str, int]) -> "dict[str, torch.Tensor]":
     """Returns the numbers that all frames have, padded to one size.
 

@@ -13,8 +13,16 @@ from typing import Any
 from envs.core.atomic import remove_partial_files, write_file, write_json
 from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset.damage import broken_file
-from roboverse_learn.data.dataset.info import METADATA_COLUMN, read_episodes, read_info
-from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, INFO_PATH
+from roboverse_learn.data.dataset.info import (
+    METADATA_COLUMN,
+    DatasetInfo,
+    read_episodes,
+    read_info,
+    read_stats,
+)
+from roboverse_learn.data.dataset.meta_tables import combined_stats
+from roboverse_learn.data.dataset.schema import FILES_PER_CHUNK, INFO_PATH, STATS_PATH
+from roboverse_learn.data.dataset.stats import QUANTILES, Stats, column_stats, to_json
 from roboverse_learn.data.dataset.tables import parquet_bytes, read_parquet
 from roboverse_learn.folder_lock import lock_directory
 
@@ -29,10 +37,10 @@ _OWN = re.compile(
 
 
 def recover(root: str | Path) -> int:
-    """Removes what an uncommitted episode left behind, and updates the totals to what is committed.
+    """Removes what an uncommitted episode left, and makes totals and statistics those of what is committed.
 
-    Opening a :class:`~roboverse_learn.data.dataset.writer.DatasetWriter` does the same. Staged episodes,
-    which are complete, are kept: collecting again commits them.
+    Opening and closing a :class:`~roboverse_learn.data.dataset.writer.DatasetWriter` does the same. Staged
+    episodes, which are complete, are kept: collecting again commits them.
 
     Args:
         root: The dataset's folder.
@@ -47,7 +55,9 @@ def recover(root: str | Path) -> int:
     read_info(root)
     lock = lock_directory(root)
     try:
-        return repair(root)
+        rows = repair(root)
+        finish_stats(root, combined_stats(rows))
+        return len(rows)
     finally:
         lock.release()
 
@@ -86,10 +96,14 @@ def refuse_other_files(root: Path) -> None:
         )
 
 
-def repair(root: Path) -> int:
-    """Does the work of :func:`recover` for a caller that holds the lock."""
+def repair(root: Path) -> list[dict[str, Any]]:
+    """Does the work of :func:`recover`, but for exact quantiles, for a caller that holds the lock.
+
+    Returns:
+        The rows of the complete episodes, with their statistics.
+    """
     remove_partial_files(root)
-    rows = read_episodes(root)
+    rows = read_episodes(root, with_stats=True)
     if rows and METADATA_COLUMN not in rows[0]:
         raise _foreign(root)
     info, total = read_info(root), len(rows)
@@ -104,9 +118,34 @@ def repair(root: Path) -> int:
         info["total_frames"] = rows[-1]["dataset_to_index"] if rows else 0
         info["total_tasks"] = len({task for row in rows for task in row["tasks"]})
         write_json(root / INFO_PATH, info)
+    if rows and not _has_stats(root, info["total_frames"]):
+        write_json(root / STATS_PATH, to_json(combined_stats(rows)))
     if removed:
         _LOG.info("Removed %d files of an uncommitted episode from %s.", removed, root)
-    return total
+    return rows
+
+
+def _has_stats(root: Path, num_frames: int) -> bool:
+    """Whether the statistics of a dataset can be read and are of all its frames."""
+    try:
+        return int(read_stats(root / STATS_PATH)["index"]["count"].item()) == num_frames
+    except (DatasetError, KeyError, ValueError):
+        return False
+
+
+def finish_stats(root: Path, stats: Stats) -> None:
+    """Writes the statistics of a dataset, with the exact quantiles of its numeric columns.
+
+    Args:
+        root: The dataset's folder.
+        stats: :func:`combined_stats` of its episodes; empty of a dataset without any.
+    """
+    if not stats:
+        return
+    exact = column_stats(DatasetInfo.open(root).read_columns())
+    quantiles = {key: {name: one[name] for name in QUANTILES} for key, one in exact.items()}
+    finished = {key: one | quantiles.get(key, {}) for key, one in stats.items()}
+    write_json(root / STATS_PATH, to_json(finished))
 
 
 def _episode_file(root: Path) -> str | None:

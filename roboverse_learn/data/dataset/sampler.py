@@ -66,6 +66,11 @@ class EpisodeAwareSampler:
         """The epoch that the next frame belongs to, from 0."""
         return self._epoch
 
+    @property
+    def num_sampled(self) -> int:
+        """Frames that were sampled so far, over all epochs and processes."""
+        return self._epoch * self.num_frames + self._position
+
     def next_batch(self) -> np.ndarray:
         """Returns this process's frames of the next batch, int64 (batch_size / world_size,)."""
         return self.next_frames(self._batch_size)[self._rank :: self._world_size]
@@ -142,14 +147,8 @@ class MixtureSampler:
             )
             for index, episodes in enumerate(groups)
         ]
-        weights = np.array([member.num_frames for member in self._members]) ** float(mixing)
-        self._shares = batch_size * weights / weights.sum()
-        if batch_size % world_size or self._shares.min() < 1.0:
-            raise ConfigError(
-                f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
-                f"least one frame of each of {len(groups)} tasks, of which one has a share of "
-                f"{self._shares.min():.2g}. Give a larger batch, or train.mixing nearer to 0."
-            )
+        frames = [member.num_frames for member in self._members]
+        self._shares = shares_of_a_batch(frames, batch_size, mixing, world_size)
         self._batch_size, self._rank, self._world_size = batch_size, rank, world_size
         self._batches = 0
 
@@ -179,13 +178,41 @@ class MixtureSampler:
 
     def state_dict(self) -> dict[str, Any]:
         """Returns the position in the order of each group."""
-        return {"batches": self._batches, "groups": [member.state_dict() for member in self._members]}
+        return {"groups": [member.state_dict() for member in self._members]}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Continues from a position that :meth:`state_dict` gave."""
-        self._batches = int(state["batches"])
+        """Continues from a position that :meth:`state_dict` gave, also before there was ``mixing``.
+
+        How many batches there were follows from the frames that were sampled.
+        """
         for member, own in zip(self._members, state["groups"], strict=True):
             member.load_state_dict(own)
+        self._batches = sum(member.num_sampled for member in self._members) // self._batch_size
+
+
+def shares_of_a_batch(
+    frames: Sequence[int], batch_size: int, mixing: float, world_size: int = 1
+) -> np.ndarray:
+    """Returns how many frames of each group a batch has on average, float64 (groups,).
+
+    Args:
+        frames: Of each group.
+        batch_size: Of :class:`MixtureSampler`, as what follows.
+        mixing: From 0 to 1.
+        world_size: Number of training processes.
+
+    Raises:
+        ConfigError: A group has less than one, or the batch does not divide over the processes.
+    """
+    weights = np.array(frames) ** float(mixing)
+    shares = batch_size * weights / weights.sum()
+    if batch_size % world_size or shares.min() < 1.0:
+        raise ConfigError(
+            f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
+            f"least one frame of each of {len(frames)} tasks, of which one has a share of "
+            f"{shares.min():.2g}. Give a larger batch{', or train.mixing nearer to 0' if mixing else ''}."
+        )
+    return shares
 
 
 def make_sampler(

@@ -91,7 +91,7 @@ def image_stats(images: np.ndarray) -> FeatureStats:
 
 def merge_stats(first: Stats | None, second: Stats) -> Stats:
     """Combines the statistics of two disjoint sets of frames; neither argument is changed."""
-    if first is None:
+    if not first:
         return second
     return {key: _merge_feature(first[key], second[key]) for key in first}
 

@@ -32,21 +32,20 @@ from envs.core.errors import DatasetError
 from roboverse_learn.data.dataset import stats as statistics
 from roboverse_learn.data.dataset.info import (
     METADATA_COLUMN,
-    DatasetInfo,
     episode_key,
     read_episodes,
     read_info,
 )
 from roboverse_learn.data.dataset.info import read_tasks as read_task_names
 from roboverse_learn.data.dataset.meta_tables import (
+    combined_stats,
     episode_row,
     episode_stats,
     num_files,
-    row_stats,
     row_table,
     tasks_bytes,
 )
-from roboverse_learn.data.dataset.recovery import other_file, refuse_other_files, repair
+from roboverse_learn.data.dataset.recovery import finish_stats, other_file, refuse_other_files, repair
 from roboverse_learn.data.dataset.schema import (
     BOOKKEEPING,
     CODEBASE_VERSION,
@@ -205,7 +204,7 @@ class DatasetWriter:
         if self._lock is None:
             return
         try:
-            self._finish_stats()
+            finish_stats(self.root, self._stats)
             with contextlib.suppress(OSError):
                 self.staging_directory.rmdir()
         finally:
@@ -258,26 +257,21 @@ class DatasetWriter:
         if not (self.root / INFO_PATH).exists() or (self._difference() and self.is_empty):
             self._num_episodes = self._num_frames = 0
             self._tasks: list[str] = []
-            self._stats: statistics.Stats | None = None
             write_json(self.root / INFO_PATH, self._info())
         if difference := self._difference():
             raise DatasetError(
                 f"The dataset '{self.root}' and the episodes to be added have {difference}. Choose another "
                 "folder, or delete this one."
             )
-        counted = read_info(self.root)["total_episodes"]
-        repair(self.root)
-        rows = read_episodes(self.root, with_stats=True)
+        rows = repair(self.root)
         self._num_episodes = len(rows)
         self._num_frames = rows[-1]["dataset_to_index"] if rows else 0
         self._tasks = read_task_names(self.root) if (self.root / TASKS_PATH).exists() else []
-        self._stats = statistics.combine(row_stats(row) for row in rows)
+        self._stats = combined_stats(rows)
         self._keys = {k for row in rows if (k := episode_key(json.loads(row.get(METADATA_COLUMN) or "{}")))}
         self._data = GrowingTable(self.root, DATA_PATH, num_files(rows, "data"), group_per_episode=True)
         row_files = num_files(rows, "meta/episodes")
         self._rows = GrowingTable(self.root, EPISODES_PATH, row_files, group_per_episode=False)
-        if counted != len(rows):  # killed between the rows of an episode and what is computed from them
-            self._write_summary()
 
     def _commit(self, episodes: Sequence[StagedEpisode]) -> None:
         """The five steps of the module's docstring, for episodes whose rows go into one file."""
@@ -351,15 +345,5 @@ class DatasetWriter:
 
     def _write_summary(self) -> None:
         """Writes what is computed from the episodes' rows."""
-        assert self._stats is not None
         write_json(self.root / STATS_PATH, statistics.to_json(self._stats))
         write_json(self.root / INFO_PATH, self._info())
-
-    def _finish_stats(self) -> None:
-        """Replaces the averaged quantiles of numeric columns by those of all frames together."""
-        if self._num_episodes == 0 or self._stats is None:
-            return
-        every = statistics.column_stats(DatasetInfo.open(self.root).read_columns())
-        for key, one in every.items():
-            self._stats[key] |= {name: one[name] for name in statistics.QUANTILES}
-        write_json(self.root / STATS_PATH, statistics.to_json(self._stats))

@@ -1,5 +1,6 @@
 """Imitation learning of a run: from its dataset to a trained policy."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, override
@@ -31,8 +32,8 @@ class ImitationLearner(Learner):
         """See :meth:`Learner.check`.
 
         Raises:
-            ConfigError: if there are no demonstrations of one of several tasks, they cannot be collected, or
-                their images, or what the policy cannot pad, differ.
+            ConfigError: if there are no demonstrations of one of several tasks, they cannot be collected,
+                their images, or what the policy cannot pad, differ, or a batch is too small for them.
         """
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
@@ -44,11 +45,7 @@ class ImitationLearner(Learner):
                 still_of(task)
         if len(config.tasks) > 1:
             self._check_several()
-        elif config.train.mixing:
-            raise ConfigError(
-                f"train.mixing={config.train.mixing:g} weighs several tasks, and the run is of "
-                f"{config.env.task} alone. Leave it out, or name several, as in task=[PickCube,StackCube]."
-            )
+        self._check_shares()
         features = dataset_layout(config)[0]
         self._check_swap(features)
         if check := policies.check_of(config.policy_name):
@@ -75,6 +72,30 @@ class ImitationLearner(Learner):
             tasks = self._tasks()
             self._check_images(tasks)
             self._check_widths(tasks)
+
+    def _check_shares(self) -> None:
+        """Checks that a batch has frames of each task, as far as it is known before they are collected."""
+        from roboverse_learn.data.dataset.sampler import shares_of_a_batch
+
+        train, frames = self.config.train, self._frames_of_tasks()
+        if len(frames) > 1:
+            processes = int(os.environ.get("WORLD_SIZE", "1"))
+            shares_of_a_batch(list(frames.values()), train.batch_size, train.mixing, processes)
+        elif train.mixing:
+            raise ConfigError(
+                f"train.mixing={train.mixing:g} weighs several tasks, and the run is of {next(iter(frames))} "
+                "alone. Leave it out, or name several, as in policy=mtact task=[PickCube,StackCube]."
+            )
+
+    def _frames_of_tasks(self) -> dict[str, int]:
+        """Returns the frames of each task that is learned: as if all had as many where none are there yet."""
+        from roboverse_learn.data.dataset.info import DatasetInfo
+        from roboverse_learn.data.dataset.mixture import frames_of_tasks
+
+        config = self.config
+        if config.dataset and policies.learns_several(config.policy_name):
+            return frames_of_tasks(DatasetInfo.open(config.dataset), config.env.task)
+        return dict.fromkeys(config.tasks, 1)
 
     def _check_beginning(self) -> None:
         """Checks that the checkpoint to begin with is there and of this policy."""

@@ -125,6 +125,35 @@ def test_a_checkpoint_that_has_no_link_yet_is_the_last(tmp_path):
     assert (folder / "last").resolve().name == "000020"
 
 
+def test_a_folder_that_is_not_named_by_a_step_alone_is_no_checkpoint(tmp_path):
+    save_checkpoint(tmp_path, Weights(), state(10))
+    other = shutil.copytree(tmp_path / "checkpoints/000010", tmp_path / "checkpoints/000020.old")
+    assert last_checkpoint(tmp_path).name == "000010"
+    remove_leftovers(tmp_path)
+    save_checkpoint(tmp_path, Weights(), state(30))
+    assert (tmp_path / "checkpoints/last").resolve().name == "000030"
+    assert (other / STATE).is_dir(), "what is no checkpoint is left alone"
+
+
+@pytest.mark.parametrize("copied", ["with its link followed", "with a file as its link", "last alone"])
+def test_a_copy_without_links_is_resumed(tmp_path, copied):
+    for step in (10, 20):
+        save_checkpoint(tmp_path / "run", Weights(), state(step))
+    copy, last = tmp_path / "copy", tmp_path / "copy/checkpoints/last"
+    shutil.copytree(tmp_path / "run", copy)
+    if copied == "last alone":
+        shutil.rmtree(copy / "checkpoints/000020")
+    elif copied == "with a file as its link":
+        shutil.rmtree(last)
+        last.write_text("000020")
+    remove_leftovers(copy)
+    assert load_checkpoint(last_checkpoint(copy), SETTINGS).step == 20
+    assert last.readlink().name == "000020"
+    save_checkpoint(copy, Weights(), state(30))
+    folders = sorted(path.name for path in last.parent.iterdir())
+    assert folders == ["000010", "000020", "000030", "last"] and last.readlink().name == "000030"
+
+
 def test_saving_a_step_again_replaces_it(tmp_path):
     save_checkpoint(tmp_path, Weights(), state())
     save_checkpoint(tmp_path, Weights(), replace(state(), elapsed_s=3.0))

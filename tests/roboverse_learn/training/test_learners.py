@@ -97,6 +97,23 @@ def test_a_run_of_one_task_mixes_none():
         compose("train", ["policy=mtact", "train.mixing=1.5"])
 
 
+@pytest.mark.parametrize("policy", ["ppo", "tdmpc2", "fasttd3"])
+def test_an_agent_mixes_no_demonstrations(policy):
+    with pytest.raises(ConfigError, match=rf"policy={policy} takes no train\.mixing, which is for demonstr"):
+        learner_of(compose("train", [f"policy={policy}", "task=control/cartpole", "train.mixing=0.5"]), "cpu")
+
+
+@pytest.mark.parametrize("mixing", ["0", "0.5"])
+def test_a_batch_smaller_than_its_tasks_is_refused_before_demonstrations_are_collected(mixing, monkeypatch):
+    words = ["policy=mtact", "task=[PickCube,StackCube,CloseBox]", f"train.mixing={mixing}"]
+    with pytest.raises(ConfigError, match=r"batch_size=2 must .* one frame of each of 3 tasks"):
+        learner_of(compose("train", [*words, "train.batch_size=2"]), "cpu").check()
+    learner_of(compose("train", [*words, "train.batch_size=3"]), "cpu").check()
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    with pytest.raises(ConfigError, match=r"batch_size=3 must be a multiple of 2 processes"):
+        learner_of(compose("train", [*words, "train.batch_size=3"]), "cpu").check()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -176,6 +176,24 @@ def test_a_restored_sampler_continues(mixture, mixing):
     assert not np.array_equal(expected[0], make_sampler(mixture, batch_size=5, seed=4).next_batch())
 
 
+@pytest.mark.parametrize("batches", [1, 4, 13])
+def test_a_state_from_before_shares_could_differ_goes_on(mixture, batches):
+    whole = make_sampler(mixture, batch_size=7, seed=3)
+    for _ in range(batches):
+        whole.next_batch()
+    groups = [{"epoch": epoch, "position": position} for epoch, position in _positions(batches)]
+    old = make_sampler(mixture, batch_size=7, seed=3)
+    old.load_state_dict({"turn": batches % 2, "groups": groups})  # as BalancedSampler saved it
+    for _ in range(20):
+        np.testing.assert_array_equal(old.next_batch(), whole.next_batch())
+
+
+def _positions(batches: int) -> list[tuple[int, int]]:
+    """Returns epochs and positions after batches of 3 and 4 frames in turn, of 30 and of 10 frames."""
+    sampled = [batches * 3 + (batches + 1) // 2, batches * 3 + batches // 2]
+    return [divmod(number, frames) for number, frames in zip(sampled, (30, 10), strict=True)]
+
+
 def test_processes_share_a_batch(mixture):
     whole = make_sampler(mixture, batch_size=8, seed=0).next_batch()
     shares = [

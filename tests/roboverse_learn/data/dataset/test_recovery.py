@@ -126,6 +126,15 @@ def test_statistics_are_of_all_episodes_also_where_no_further_one_came(states, t
         assert info.stats["action"]["count"].item() == info.num_frames, state.name
 
 
+@pytest.mark.parametrize("stats", [None, "", '{"action"', "{}", '{"index": {"count": [5]}}'])
+@pytest.mark.parametrize("put_right", [recover, lambda root: write(root, ())], ids=["recover", "open"])
+def test_statistics_that_are_lost_or_cut_are_made_again(undisturbed, tmp_path, put_right, stats):
+    root = shutil.copytree(undisturbed, tmp_path / "d")
+    (root / "meta/stats.json").unlink() if stats is None else (root / "meta/stats.json").write_text(stats)
+    put_right(root)
+    assert (root / "meta/stats.json").read_bytes() == (undisturbed / "meta/stats.json").read_bytes()
+
+
 def commit_together(root, indices):
     """Commits the episodes from the dataset's own number on, all at once."""
     with DatasetWriter(root, fps=FPS, features=FEATURES) as writer:
@@ -163,7 +172,8 @@ def test_a_kill_while_episodes_are_committed_together_loses_none_that_is_listed(
     assert committed == sorted(committed) and set(committed) == {2, 4, 5}
 
 
-def test_recover_agrees_with_the_rows_in_every_state(states, tmp_path):
+def test_recover_agrees_with_the_rows_in_every_state(states, undisturbed, tmp_path):
+    shorter = write(tmp_path / "shorter", range(2))
     for state in states:
         root = shutil.copytree(state, tmp_path / state.name)
         total = recover(root)
@@ -171,6 +181,8 @@ def test_recover_agrees_with_the_rows_in_every_state(states, tmp_path):
         info = DatasetInfo.open(root)
         assert info.num_frames == sum(episode(index).length for index in range(total))
         assert len(list((root / "raw").iterdir())) == total
+        whole = undisturbed if total == 3 else shorter
+        assert (root / "meta/stats.json").read_bytes() == (whole / "meta/stats.json").read_bytes(), state.name
         assert not list(root.rglob(f".*{PARTIAL}"))
         assert recover(root) == total, "recovering twice is recovering once"
 

@@ -139,6 +139,18 @@ def test_a_dataset_of_one_task_is_none_of_several(tmp_path):
         learner_of(config, "cpu").check()
 
 
+def test_the_tasks_of_one_dataset_are_mixed_by_their_frames(tmp_path):
+    with DatasetWriter(tmp_path, fps=20, features=FEATURES) as writer:
+        for index in range(4):
+            episode = make_episode(index, length=5)
+            episode.metadata["task"] = "PickCube" if index else "StackCube"
+            writer.add_episode(episode)
+    words = ["policy=mtact", "task=PickCube", f"dataset={tmp_path}", "train.mixing=1"]
+    learner_of(compose("train", [*words, "train.batch_size=4"]), "cpu").check()
+    with pytest.raises(ConfigError, match=r"batch_size=3 must .* of 2 tasks, .* a share of 0\.75\. Give"):
+        learner_of(compose("train", [*words, "train.batch_size=3"]), "cpu").check()
+
+
 @pytest.mark.slow
 def test_a_merged_dataset_is_learned_by_the_tasks_that_its_episodes_name(tmp_path, monkeypatch):
     root = tmp_path / "merged"
