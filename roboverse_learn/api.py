@@ -137,7 +137,7 @@ def evaluate(
     # The words of a baseline, so that the same keys are valid and have the same defaults.
     config = compose("evaluate", (), {"policy": "random"} | given)
     with called_with(_words(given)):
-        return [evaluate_policy(acting, config)]
+        return evaluate_policy(acting, config)
 
 
 def check(task: "str | Task | type[Task]" = "PickCube", **settings: Any) -> "Checked":

@@ -66,7 +66,7 @@ def evaluate(config: EvaluateConfig) -> Any:
 def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
     """Evaluates a checkpoint or a baseline and writes its results, one file per task.
 
-    What learned several tasks is evaluated in each of them, or in the one that is named, or in each of the
+    What learned several tasks is evaluated in each of them, or in those that are named, or in each of the
     suite that is named.
 
     Raises:
@@ -158,15 +158,20 @@ def evaluate_checkpoint(
     return Evaluation(path=path, result=result, videos=_videos(path))
 
 
-def evaluate_policy(policy: "Policy | FunctionPolicy", config: EvaluateConfig) -> Evaluation:
-    """Evaluates a policy that is in memory, on every cell; writes nothing.
+def evaluate_policy(policy: "Policy | FunctionPolicy", config: EvaluateConfig) -> list[Evaluation]:
+    """Evaluates a policy that is in memory, on every cell of each named task; writes nothing.
 
     Args:
         policy: The policy; it sees images where ``config.env`` names cameras, and the whole state otherwise.
         config: The environment and what to evaluate on, as for a baseline.
     """
     check_materials(config.evaluate.materials)
-    (tested,) = checkpoints_to_test(config)
+    return [_in_memory(policy, tested, config) for tested in checkpoints_to_test(config)]
+
+
+def _in_memory(
+    policy: "Policy | FunctionPolicy", tested: TestedCheckpoint, config: EvaluateConfig
+) -> Evaluation:
     check_scenario_files(tested.env, {"evaluate.materials": config.evaluate.materials})
     policy.task, name = tested.env.task, getattr(policy, "name", "function")
     observation = "pixels" if config.env.get("cameras") else "full"

@@ -1,7 +1,7 @@
 """The checkpoint that is evaluated, the environment it is evaluated in, and how it was trained."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -95,17 +95,20 @@ def protocol_of(config: EvaluationConfig) -> Protocol:
 
 
 def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
-    """Returns the checkpoint in the given task, or in each task that it was trained on; or the baseline.
+    """Returns the checkpoint, or the baseline, in each task that is named, or else that it was trained on.
 
     Raises:
         RoboVerseError: as :func:`checkpoint_to_test`.
     """
-    if not config.checkpoint:
-        return [_baseline(config)]
-    together = () if "task" in config.env else _learned_together(Path(config.checkpoint))
-    if not together:
-        return [checkpoint_to_test(config)]
-    return [checkpoint_to_test(replace(config, env={**config.env, "task": task})) for task in together]
+    from roboverse_learn.config.serialize import task_names
+
+    tasks: Sequence[str] = ()
+    if "task" in config.env:
+        tasks = task_names(config.env["task"])
+    elif config.checkpoint:
+        tasks = _learned_together(Path(config.checkpoint))
+    each = [replace(config, env={**config.env, "task": task}) for task in tasks] or [config]
+    return [checkpoint_to_test(one) if one.checkpoint else _baseline(one) for one in each]
 
 
 def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:

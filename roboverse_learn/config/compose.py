@@ -48,7 +48,7 @@ from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.recorded_settings import recorded_values
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
-from roboverse_learn.config.serialize import default_values, env_keys, from_values, to_values
+from roboverse_learn.config.serialize import default_values, env_keys, from_values, task_names, to_values
 from roboverse_learn.config.suite_check import check_keys_of_chains, check_suite
 from roboverse_learn.data.sources import SOURCES
 
@@ -160,7 +160,7 @@ def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) ->
         given, values["suite"] = list(suite_tasks(values["suite"])), ""
     if command != "train":
         return
-    first, *others = _task_names(given)
+    first, *others = task_names(given)
     values["task"] = first
     if not others:
         return
@@ -172,23 +172,12 @@ def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) ->
     values["policy"]["tasks"] = [*others, *(values["policy"]["tasks"] if names_others else ())]
 
 
-def _task_names(given: Any) -> list[str]:
-    """Returns the tasks of ``task=``: one, or a list as it is typed or as a program has it."""
-    if not isinstance(given, str):
-        names = given
-    elif given.startswith("[") and given.endswith("]"):
-        names = given[1:-1].split(",")
-    else:
-        return [given]
-    return [str(name).strip() for name in names] or [""]
-
-
 def _recorded(command: str, settings: Sequence[tuple[str, str, Any]]) -> dict[str, Any]:
     """Returns what ``train`` takes from the dataset that it is given; a suite names its tasks itself."""
     said = {key: value for _, key, value in settings}
     if command != "train" or not said.get("dataset") or said.get("suite"):
         return {}
-    recorded = recorded_values(str(said["dataset"]), _task_names(said["task"]) if said.get("task") else [])
+    recorded = recorded_values(str(said["dataset"]), task_names(said["task"]) if said.get("task") else [])
     of_another = {"level": "only", "only": "level"}  # a scene varies by one of them
     return {key: value for key, value in recorded.items() if of_another.get(key) not in said}
 

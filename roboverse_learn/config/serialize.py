@@ -17,6 +17,7 @@ from envs.core.json_values import to_json_values
 from envs.randomization.levels import unknown_level
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
+from policies.base import listed
 from roboverse_learn.config.command_line_keys import OF_YOUR_OWN, flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import COMMANDS, EVALUATE_ENV_KEYS, NAMES_A_POLICY
@@ -40,7 +41,7 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
     env = {key: own.pop(key) for key in env_keys(command) if key in own}
     try:
         if env_keys(command):
-            own["env"] = _environment(command, env, checks_task=not own.get("suite"))
+            own["env"] = _environment_of_tasks(command, env, checks_task=not own.get("suite"))
         if "policy" in own:
             own["policy"] = _adapter(policies.config_class(policy)).validate_python(own["policy"])
         config = _adapter(COMMANDS[command]).validate_python(own)
@@ -83,6 +84,26 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
             made = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
             values[item.name] = to_json_values(made)
     return values
+
+
+def task_names(given: Any) -> list[str]:
+    """Returns the tasks of ``task=``: one, or a list as it is typed or as a program has it."""
+    if not isinstance(given, str):
+        names = given
+    elif given.startswith("[") and given.endswith("]"):
+        names = given[1:-1].split(",")
+    else:
+        return [given]
+    return [str(name).strip() for name in names] or [""]
+
+
+def _environment_of_tasks(command: str, values: dict[str, Any], *, checks_task: bool) -> Any:
+    """Returns :func:`_environment`; for ``evaluate`` of a list of tasks, checked with each of them."""
+    names = task_names(values.get("task", "")) if command == "evaluate" else []
+    if len(names) < 2:
+        return _environment(command, values, checks_task=checks_task)
+    each = [_environment(command, values | {"task": name}, checks_task=checks_task) for name in names]
+    return each[0] | {"task": listed(names)}
 
 
 def _environment(command: str, values: dict[str, Any], *, checks_task: bool = True) -> Any:

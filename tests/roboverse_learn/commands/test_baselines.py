@@ -15,7 +15,7 @@ from roboverse_learn import cli
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.schema import baselines
 from roboverse_learn.config.serialize import from_values, to_values
-from roboverse_learn.evaluate import evaluate
+from roboverse_learn.evaluate import evaluate, evaluate_all
 
 RESULTS = Path(__file__).parents[3] / "results"
 WORDS = ["task=PickCube", "levels=[0]", "splits=[test]", "episodes=2", "evaluate.num_envs=2", "videos=0"]
@@ -36,6 +36,15 @@ def test_a_rule_is_evaluated_and_evaluated_once(tmp_path, capsys):
     again = result_of("random", tmp_path)
     assert again.created == result.created, "an evaluation of the same protocol is not run again"
     assert "random" in (tmp_path / "leaderboard.md").read_text()
+
+
+def test_a_rule_is_evaluated_in_each_of_several_tasks(tmp_path, capsys):
+    words = ["task=[PickCube,PushCube]", *WORDS[1:], "policy=hold", f"results_dir={tmp_path}"]
+    config = compose("evaluate", words)
+    assert from_values("evaluate", to_values(config)) == config
+    assert [each.result.env.task for each in evaluate_all(config)] == ["PickCube", "PushCube"]
+    assert cli.main(["evaluate", "task=[PickCube,PickCub]", "policy=hold"]) == 2
+    assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -194,12 +194,16 @@ def test_the_learning_curve_beside_a_result_is_that_of_its_task(trained):
         assert float(last["episode_return"]) == pytest.approx(row[f"episode_return/{task}"])
 
 
-def test_evaluation_covers_every_task_or_the_named_one(trained, tmp_path):
+def test_evaluation_covers_every_task_or_those_that_are_named(trained, tmp_path):
     run, words = run_of(trained), ["splits=[test]", "levels=[0]", "episodes=2", "device=cpu"]
     both = checkpoints_to_test(compose("evaluate", [f"checkpoint={run}", *words]))
     assert [(each.env.task, each.run) for each in both] == [(FIRST, run.name), (SECOND, run.name)]
     (one,) = checkpoints_to_test(compose("evaluate", [f"checkpoint={run}", f"task={SECOND}", *words]))
     assert (one.env.task, one.run, one.training.tasks) == (SECOND, run.name, (FIRST, SECOND))
+    named = checkpoints_to_test(
+        compose("evaluate", [f"checkpoint={run}", f"task=[{SECOND},{FIRST}]", *words])
+    )
+    assert [each.env.task for each in named] == [SECOND, FIRST]
     alone = tmp_path / "model"  # outside a run: the checkpoint itself has its tasks
     (run / "checkpoints/last/pretrained_model").resolve().rename(alone)
     try:
