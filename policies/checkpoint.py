@@ -51,16 +51,20 @@ def resolve(directory: str | Path) -> Path:
     if not directory.is_dir():
         what = "is a file" if directory.exists() else "does not exist"
         raise PolicyError(f"Checkpoint '{directory}' {what}. {_ADVICE}")
-    checkpoints = (directory, directory / "checkpoints" / "last", *reversed(of_steps(directory)))
+    checkpoints = (
+        directory,
+        directory / "checkpoints" / "last",
+        *reversed(of_steps(directory / "checkpoints")),
+    )
     for found in (directory, *(checkpoint / "pretrained_model" for checkpoint in checkpoints)):
         if (found / CONFIG).is_file():
             return found
     raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")
 
 
-def of_steps(run: Path) -> list[Path]:
-    """Returns the checkpoints of a run, oldest first: their folders are named by their steps alone."""
-    found = [path for path in (run / "checkpoints").glob("[0-9]*") if path.name.isdecimal()]
+def of_steps(checkpoints: Path) -> list[Path]:
+    """Returns the checkpoints in a folder, oldest first: their folders are named by their steps alone."""
+    found = [path for path in checkpoints.glob("[0-9]*") if path.name.isdecimal()]
     return sorted(found, key=lambda path: int(path.name))
 
 

@@ -4,7 +4,7 @@ A setting has the name that it has on the command line. One with dots is a dicti
 part where no other ends so: ``train(steps=5)``, ``train(train={"steps": 5})``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,7 +13,7 @@ from envs.core.errors import ConfigError
 from envs.core.json_values import flat, to_json_values
 from envs.tasks import TASKS
 from envs.tasks.base import Task
-from policies.base import Observation, Policy
+from policies.base import Observation, Policy, listed
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.command_line_keys import MAPS
@@ -82,7 +82,7 @@ def train(
 
 def evaluate(
     policy: "str | Path | AnyPolicy | None" = None,
-    task: "str | Task | type[Task] | None" = None,
+    task: "str | Task | type[Task] | Sequence[str] | None" = None,
     *,
     actions: Literal["task", "rl"] = "task",
     **settings: Any,
@@ -96,14 +96,15 @@ def evaluate(
             (n, T, action_dim). It gets images where ``cameras`` is given, and the state of all objects
             (``observation.environment_state``) otherwise. None where ``checkpoint=`` names the folder, as on
             the command line.
-        task: Name of a task, a task, or its class; None takes the one that the checkpoint learned.
+        task: Name of a task, names of several, a task, or its class; None takes those that the checkpoint
+            learned.
         actions: What the actions of a function mean: ``task`` for the task's controller, ``rl`` for that of
             reinforcement learning.
         **settings: Those of ``roboverse evaluate``, such as ``levels=[0, 3]`` or ``episodes=20``.
 
     Returns:
-        One evaluation per task, of which ``suite="paper"`` names several. Checkpoints and baselines have a
-        results file; functions have none, since nobody could repeat it.
+        One evaluation per task, of which a list or ``suite="paper"`` names several. Checkpoints and baselines
+        have a results file; functions have none, since nobody could repeat it.
 
     Raises:
         ConfigError: Neither a policy nor a checkpoint is given, or both are.
@@ -158,7 +159,9 @@ def check(task: "str | Task | type[Task]" = "PickCube", **settings: Any) -> "Che
     return check_contracts(compose("check", (), _of_task(task) | settings))
 
 
-def _of_task(task: "str | Task | type[Task]", *, in_one_process: bool = False) -> dict[str, Any]:
+def _of_task(
+    task: "str | Task | type[Task] | Sequence[str]", *, in_one_process: bool = False
+) -> dict[str, Any]:
     """Returns the settings of a task, which is registered for this process where it is not.
 
     Raises:
@@ -166,6 +169,8 @@ def _of_task(task: "str | Task | type[Task]", *, in_one_process: bool = False) -
     """
     if isinstance(task, str):
         return {"task": task}
+    if isinstance(task, Sequence):
+        return {"task": listed(task)}
     cls = task if isinstance(task, type) else type(task)
     settings: dict[str, Any] = {"task": cls.name}
     if cls.name not in TASKS:

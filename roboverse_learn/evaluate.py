@@ -74,6 +74,7 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
             of their own.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
+    from policies.checkpoint import check_learned
     from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
 
     check_materials(config.evaluate.materials)
@@ -85,6 +86,9 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
     if config.suite:
         return list(_of_suite(config).evaluations.values())
     results, tested = Path(config.results_dir), checkpoints_to_test(config)
+    for each in tested:
+        if each.checkpoint is not None:
+            check_learned(each.checkpoint, each.env.task, other_tasks=config.evaluate.other_tasks)
     evaluate_in_parallel(config, [each.env.task for each in tested])
     return [evaluate_checkpoint(each, config.evaluate, results, "evaluate") for each in tested]
 

@@ -232,7 +232,7 @@ def step_of(checkpoint: Path) -> int | None:
     checkpoint = checkpoint.resolve()
     folders, hashes = [checkpoint.parent], checkpoint / HASHES
     if checkpoint.parent.name == "last" and hashes.is_file():  # copied as a folder, beside the one it was
-        twins = [each / checkpoint.name / HASHES for each in of_steps(checkpoint.parents[2])]
+        twins = [each / checkpoint.name / HASHES for each in of_steps(checkpoint.parent.parent)]
         same = [twin for twin in twins if twin.is_file() and twin.read_bytes() == hashes.read_bytes()]
         folders = [twin.parents[1] for twin in same]
     return max((int(each.name) for each in folders if each.name.isdecimal()), default=None)
@@ -266,7 +266,7 @@ def _continued(folder: Path, config: TrainRunConfig) -> TrainRunConfig:
             f"The run '{folder}' was started with another configuration: you gave {what}. "
             "Leave these keys out to continue it, or leave out run= to start a new run."
         )
-    done = max((int(each.name) for each in of_steps(folder)), default=0)
+    done = max((int(each.name) for each in of_steps(folder / "checkpoints")), default=0)
     given = config.train.steps
     if given >= min(done, before.train.steps):  # an agent's last steps may go beyond those that were wanted
         return config

@@ -193,9 +193,28 @@ def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[
         checks_robot = values["robot"] and not values["policy_name"]
         values["task"] = "" if checks_robot else values["task"]
     if values.get("cameras") == [ALL_CAMERAS]:
-        options: Any = values["task_kwargs"]
-        scene = EnvSpec(task=values["task"], task_kwargs=options).make_task().scenario
-        values["cameras"] = [camera.name for camera in scene.cameras]
+        values["cameras"] = _all_cameras(values)
+
+
+def _all_cameras(values: Mapping[str, Any]) -> list[str]:
+    """Returns the cameras of the task, or of all tasks that are named.
+
+    Raises:
+        ConfigError: Tasks have different cameras.
+    """
+    suite: Any = values.get("suite")
+    cameras: dict[str, list[str]] = {}
+    for task in suite_tasks(suite) if suite else task_names(values["task"]):
+        scene = EnvSpec(task=task, task_kwargs=values["task_kwargs"]).make_task().scenario
+        cameras[task] = [camera.name for camera in scene.cameras]
+    first, *others = cameras
+    for other in others:
+        if cameras[other] != cameras[first]:
+            raise ConfigError(
+                f"cameras=[all] is {listed(cameras[first])} in {first} and {listed(cameras[other])} in "
+                f"{other}. Name the cameras that all of the tasks have."
+            )
+    return cameras[first]
 
 
 def _protocol(name: str) -> dict[str, Any]:

@@ -99,11 +99,12 @@ def task_names(given: Any) -> list[str]:
 
 def _environment_of_tasks(command: str, values: dict[str, Any], *, checks_task: bool) -> Any:
     """Returns :func:`_environment`; for ``evaluate`` of a list of tasks, checked with each of them."""
-    names = task_names(values.get("task", "")) if command == "evaluate" else []
-    if len(names) < 2:
+    names = list(dict.fromkeys(task_names(values.get("task", "")))) if command == "evaluate" else [""]
+    if names == [""]:
         return _environment(command, values, checks_task=checks_task)
+    _check_names("task", names)
     each = [_environment(command, values | {"task": name}, checks_task=checks_task) for name in names]
-    return each[0] | {"task": listed(names)}
+    return each[0] if len(names) == 1 else each[0] | {"task": listed(names)}
 
 
 def _environment(command: str, values: dict[str, Any], *, checks_task: bool = True) -> Any:

@@ -8,6 +8,8 @@
 """
 
 import contextlib
+import filecmp
+import itertools
 import json
 import os
 import shutil
@@ -82,27 +84,42 @@ def save_checkpoint(
         content = {name: getattr(state, name) for name in names}
         (inner / _JSON).write_text(json.dumps({"format": _FORMAT, **content}, indent=2), encoding="utf-8")
     _point_last_at(directory)
-    for other in of_steps(run_dir):
+    for other in of_steps(directory.parent):
         if other != directory:
             shutil.rmtree(other / STATE, ignore_errors=True)
     return directory / PRETRAINED
 
 
 def _point_last_at(directory: Path) -> None:
-    """Makes ``last`` a link to a checkpoint, also where it is a folder, as in a copy without links."""
+    """Makes ``last`` a link to a checkpoint, also where it is a folder, as in a copy without links.
+
+    Such a folder is deleted where a checkpoint has all that it has, and else kept beside the link.
+    """
     last = directory.parent / "last"
     with write_errors(last):
-        link, aside = partial_path(last), partial_path(last)
+        link, double = partial_path(last), partial_path(last)
         link.symlink_to(directory.name)
         if _is_copied(last):
-            os.rename(last, aside)
+            is_double = any(_has_all_of(last, each) for each in of_steps(last.parent))
+            os.rename(last, double if is_double else _free_name(last))
         os.replace(link, last)
-        shutil.rmtree(aside, ignore_errors=True)
+        shutil.rmtree(double, ignore_errors=True)
 
 
 def _is_copied(last: Path) -> bool:
     """Whether ``last`` is a folder of its own, as in a copy without links."""
     return last.is_dir() and not last.is_symlink()
+
+
+def _has_all_of(copy: Path, checkpoint: Path) -> bool:
+    """Whether a checkpoint has every file of a folder, with the same bytes."""
+    pairs = ((path, checkpoint / path.relative_to(copy)) for path in copy.rglob("*") if path.is_file())
+    return all(other.is_file() and filecmp.cmp(path, other, shallow=False) for path, other in pairs)
+
+
+def _free_name(last: Path) -> Path:
+    names = (last.with_name(f"last.copied{count or ''}") for count in itertools.count())
+    return next(path for path in names if not path.exists())
 
 
 def load_checkpoint(directory: Path, settings: Mapping[str, Any]) -> TrainState:
@@ -143,7 +160,7 @@ def remove_leftovers(run_dir: Path) -> None:
 
 
 def _number_copied(last: Path) -> None:
-    """Names a folder ``last`` by its step, where a copy has it alone: training deletes what is no link."""
+    """Names a folder ``last`` by its step, where a copy has it alone, so that training resumes from it."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # else reading it says what is wrong
         step = json.loads((last / STATE / _JSON).read_text(encoding="utf-8"))["step"]
         place = last.with_name(f"{step:06d}")
@@ -161,7 +178,9 @@ def last_checkpoint(run_dir: Path) -> Path | None:
 
 def _newest(run_dir: Path) -> Path | None:
     """Returns the folder with the largest step that training can resume from, or None."""
-    return next((path for path in reversed(of_steps(run_dir)) if (path / STATE).is_dir()), None)
+    return next(
+        (path for path in reversed(of_steps(run_dir / "checkpoints")) if (path / STATE).is_dir()), None
+    )
 
 
 def not_finite(tensors: Mapping[str, Tensor]) -> str:

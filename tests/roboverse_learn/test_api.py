@@ -71,6 +71,11 @@ def test_a_function_gets_the_images_of_the_cameras_that_are_named():
     assert shapes["observation.images.wrist"] == (2, 32, 32, 3)
 
 
+def test_a_function_is_evaluated_in_each_of_several_tasks():
+    found = api.evaluate(lambda seen: seen["observation.state"], ["PickCube", "PushCube"], **TINY)
+    assert [each.result.env.task for each in found] == ["PickCube", "PushCube"]
+
+
 def test_a_policy_is_evaluated_as_the_baseline_of_its_name_is(tmp_path):
     from envs.spec import EnvSpec
 

@@ -129,7 +129,7 @@ def _has_stats(root: Path, num_frames: int) -> bool:
     """Whether the statistics of a dataset can be read and are of all its frames."""
     try:
         return int(read_stats(root / STATS_PATH)["index"]["count"].item()) == num_frames
-    except (DatasetError, KeyError, ValueError):
+    except (DatasetError, KeyError, TypeError, ValueError, OverflowError):
         return False
 
 

@@ -83,8 +83,9 @@ class ImitationLearner(Learner):
             shares_of_a_batch(list(frames.values()), train.batch_size, train.mixing, processes)
         elif train.mixing:
             raise ConfigError(
-                f"train.mixing={train.mixing:g} weighs several tasks, and the run is of {next(iter(frames))} "
-                "alone. Leave it out, or name several, as in policy=mtact task=[PickCube,StackCube]."
+                f"train.mixing={train.mixing:g} weighs several tasks, and the run is of "
+                f"{next(iter(frames), self.config.env.task)} alone. Leave it out, or name several, as in "
+                "policy=mtact task=[PickCube,StackCube]."
             )
 
     def _frames_of_tasks(self) -> dict[str, int]:

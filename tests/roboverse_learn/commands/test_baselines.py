@@ -43,8 +43,25 @@ def test_a_rule_is_evaluated_in_each_of_several_tasks(tmp_path, capsys):
     config = compose("evaluate", words)
     assert from_values("evaluate", to_values(config)) == config
     assert [each.result.env.task for each in evaluate_all(config)] == ["PickCube", "PushCube"]
+    assert compose("evaluate", ["task=[PickCube]", "policy=hold"]).env == {"task": "PickCube"}
+    assert compose("evaluate", ["task=[A,A]".replace("A", "PickCube"), "policy=hold"]).env == {
+        "task": "PickCube"
+    }
+    assert cli.main(["evaluate", "task=[PickCube,]", "policy=hold"]) == 2
     assert cli.main(["evaluate", "task=[PickCube,PickCub]", "policy=hold"]) == 2
-    assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "Unknown task ''" in said
+    assert "Unknown task 'PickCub'. Did you mean 'PickCube'?" in said
+
+
+def test_all_cameras_of_several_tasks_are_those_that_they_share():
+    words = ["task=[PickCube,StackCube]", "cameras=[all]", "policy=hold"]
+    assert (
+        compose("evaluate", words).env["cameras"]
+        == compose("evaluate", ["task=PickCube", *words[1:]]).env["cameras"]
+    )
+    with pytest.raises(ConfigError, match=r"in PickCube and \[.*\] in control/cartpole.*Name the cameras"):
+        compose("evaluate", ["task=[PickCube,control/cartpole]", *words[1:]])
 
 
 @pytest.mark.slow

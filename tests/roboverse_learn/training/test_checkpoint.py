@@ -135,6 +135,25 @@ def test_a_folder_that_is_not_named_by_a_step_alone_is_no_checkpoint(tmp_path):
     assert (other / STATE).is_dir(), "what is no checkpoint is left alone"
 
 
+@pytest.mark.parametrize("left", ["weights alone", "a twin that lacks a file"])
+def test_a_folder_in_place_of_the_link_is_kept_where_no_checkpoint_has_all_of_it(tmp_path, left):
+    for step in (10, 20):
+        save_checkpoint(tmp_path / "run", Weights(), state(step))
+    copy = shutil.copytree(tmp_path / "run", tmp_path / "copy")
+    if left == "weights alone":
+        shutil.rmtree(copy / "checkpoints/000020")
+        shutil.rmtree(copy / "checkpoints/last" / STATE)
+        (copy / "checkpoints/last" / PRETRAINED / "weights").write_text("of step 20")
+    else:
+        (copy / "checkpoints/000020" / STATE / "state.safetensors").unlink()
+    remove_leftovers(copy)
+    save_checkpoint(copy, Weights(), state(30))
+    kept = copy / "checkpoints/last.copied"
+    assert (kept / PRETRAINED / "weights").is_file() == (left == "weights alone")
+    assert (kept / STATE / "state.safetensors").is_file() == (left != "weights alone")
+    assert (copy / "checkpoints/last").resolve().name == "000030"
+
+
 @pytest.mark.parametrize("copied", ["with its link followed", "with a file as its link", "last alone"])
 def test_a_copy_without_links_is_resumed(tmp_path, copied):
     for step in (10, 20):

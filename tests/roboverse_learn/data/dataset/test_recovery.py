@@ -126,7 +126,9 @@ def test_statistics_are_of_all_episodes_also_where_no_further_one_came(states, t
         assert info.stats["action"]["count"].item() == info.num_frames, state.name
 
 
-@pytest.mark.parametrize("stats", [None, "", '{"action"', "{}", '{"index": {"count": [5]}}'])
+@pytest.mark.parametrize(
+    "stats", [None, "", '{"action"', "{}", '{"index": {"count": [5]}}', '{"index": {"count": [null]}}']
+)
 @pytest.mark.parametrize("put_right", [recover, lambda root: write(root, ())], ids=["recover", "open"])
 def test_statistics_that_are_lost_or_cut_are_made_again(undisturbed, tmp_path, put_right, stats):
     root = shutil.copytree(undisturbed, tmp_path / "d")
