@@ -74,7 +74,6 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
             of their own.
         PolicyError: The checkpoint is broken, or learned other tasks.
     """
-    from policies.checkpoint import check_learned
     from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
 
     check_materials(config.evaluate.materials)
@@ -86,9 +85,6 @@ def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:
     if config.suite:
         return list(_of_suite(config).evaluations.values())
     results, tested = Path(config.results_dir), checkpoints_to_test(config)
-    for each in tested:
-        if each.checkpoint is not None:
-            check_learned(each.checkpoint, each.env.task, other_tasks=config.evaluate.other_tasks)
     evaluate_in_parallel(config, [each.env.task for each in tested])
     return [evaluate_checkpoint(each, config.evaluate, results, "evaluate") for each in tested]
 
@@ -112,7 +108,7 @@ def evaluate_checkpoint(
     An evaluation of the same checkpoint under the same protocol is not run a second time.
 
     Args:
-        tested: The checkpoint and its environment.
+        tested: The checkpoint and its environment, whose task it learned.
         config: What to evaluate it on.
         results_dir: Folder of results.
         command: The command of ours that runs, as it is recorded.
@@ -120,7 +116,7 @@ def evaluate_checkpoint(
     from benchmark.finished_cells import FinishedCells
     from benchmark.instruction_tests import check_instruction_tests
     from benchmark.results import result_path, video_dir, write_result
-    from policies.checkpoint import check_learned, policy_label
+    from policies.checkpoint import policy_label
     from roboverse_learn.commands.foreign_checkpoint import check_fits
     from roboverse_learn.commands.tasks_at_once import keeps_cells_alone
 
@@ -137,7 +133,6 @@ def evaluate_checkpoint(
     looks = {"evaluate.materials": config.materials}
     check_scenario_files(tested.env, looks)
     if tested.checkpoint is not None:
-        check_learned(tested.checkpoint, tested.env.task, other_tasks=config.other_tasks)
         check_fits(tested.checkpoint, tested.env, tested.rename_map)
     if protocol.instructions:
         check_instruction_tests(tested.env.make_task(), protocol.instructions)

@@ -196,6 +196,7 @@ def _evaluate(
 ) -> tuple[list[Evaluation], dict[str, Path], Path | None]:
     """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
     from benchmark.gifs import one_per_level, write_gif
+    from policies.checkpoint import check_learned
     from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.schema import EvaluateConfig
@@ -205,6 +206,8 @@ def _evaluate(
     results = Path(config.results_dir)
     with run.stage("evaluate") as facts:
         tested = checkpoint_of_run(run.folder, config, checkpoint)
+        for task in config.tasks:  # a dataset of several tasks may lack the one that is named
+            check_learned(checkpoint, task, other_tasks=config.evaluate.other_tasks)
         evaluate_in_parallel(
             EvaluateConfig(
                 checkpoint=str(run.folder),

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.text import Text
 
+from roboverse_learn.commands.checkpoint_names import checkpoint_name
 from roboverse_learn.commands.report import board_paths, path_table
-from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoint_name, checkpoints_to_test
+from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoints_to_test
 from roboverse_learn.commands.tested_policy import load_policy, view_of
 from roboverse_learn.config.schema import EvaluateConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -31,14 +32,12 @@ def evaluate_chains(config: EvaluateConfig) -> "tuple[ChainScores, Path]":
     from benchmark import calvin_chains, provenance
     from benchmark.chain_results import ChainResults
     from envs.core.git import git_sha
-    from policies.checkpoint import check_learned
     from roboverse_learn.commands.called_with import command_words
     from roboverse_learn.commands.foreign_checkpoint import check_fits
 
     seed = config.evaluate.protocol_seed
     tested = _tested(config, calvin_chains.ENV_TASK)
     if tested.checkpoint is not None:
-        check_learned(tested.checkpoint, tested.env.task, other_tasks=config.evaluate.other_tasks)
         check_fits(tested.checkpoint, tested.env, tested.rename_map)
     command = provenance.command_line(["roboverse", "evaluate", *command_words()])
     path = Path(config.results_dir) / FILE

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from envs.core.errors import ConfigError, RoboVerseError, WriteError
 from envs.core.json_values import to_json_values
 from envs.tasks.suites import suite_tasks
+from roboverse_learn.commands.checkpoint_names import checkpoint_name
 from roboverse_learn.commands.outcomes import Evaluation
 from roboverse_learn.commands.tested_checkpoint import (
     TestedCheckpoint,
-    checkpoint_name,
     checkpoints_to_test,
     protocol_of,
 )

@@ -11,6 +11,7 @@ from envs.core.errors import ConfigError
 from envs.core.machine import check_device_name
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
+from roboverse_learn.commands.checkpoint_names import name_without_run
 from roboverse_learn.commands.scene_labels import fit_for_a_file, recorded_materials, scenario_name
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
@@ -116,18 +117,29 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
 
     Raises:
         ConfigError: It is in no run's folder, and the task or the image size was not given.
-        PolicyError: There is no checkpoint.
+        PolicyError: There is no checkpoint, or it learned other tasks.
     """
-    from policies.checkpoint import resolve
+    from policies.checkpoint import check_learned
     from roboverse_learn.commands.foreign_checkpoint import open_checkpoint
-    from roboverse_learn.commands.run_folder import read_config, run_of, step_of
-    from roboverse_learn.config.serialize import to_values
+    from roboverse_learn.commands.run_folder import run_of
 
     checkpoint = open_checkpoint(config.checkpoint)
     _check_whole(checkpoint, config.policy_name)
     folder = run_of(checkpoint)
     if folder is None:
-        return _checkpoint_without_run(checkpoint, config)
+        tested = _checkpoint_without_run(checkpoint, config)
+    else:
+        tested = _checkpoint_with_run(folder, checkpoint, config)
+    check_learned(checkpoint, tested.env.task, other_tasks=config.evaluate.other_tasks)
+    return tested
+
+
+def _checkpoint_with_run(folder: Path, checkpoint: Path, config: EvaluateConfig) -> TestedCheckpoint:
+    """Returns a checkpoint of a run, with what the evaluation changes of the environment."""
+    from policies.checkpoint import resolve
+    from roboverse_learn.commands.run_folder import read_config, step_of
+    from roboverse_learn.config.serialize import to_values
+
     trained = read_config(folder)
     check_validation(config.evaluate.splits, trained.policy_name, trained.collect.num_demos)
     env = _changed_env(trained.env, config.env)
@@ -250,25 +262,6 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
         training=Training(tasks=_learned_together(checkpoint)),
         config={"command": to_values(config), "policy": values},
     )
-
-
-def checkpoint_name(given: str, checkpoint: Path) -> str:
-    """Returns a short name of a checkpoint: of its run, or as :func:`name_without_run` has it."""
-    from roboverse_learn.commands.run_folder import result_name, run_of
-
-    folder = run_of(checkpoint)
-    return name_without_run(given, checkpoint) if folder is None else result_name(folder)
-
-
-def name_without_run(given: str, checkpoint: Path) -> str:
-    """Returns a name, fit for a file, of a checkpoint of no run: of its folder, or that on the hub.
-
-    Args:
-        given: What the command was given.
-        checkpoint: The pretrained folder.
-    """
-    name = checkpoint.absolute().parent.name if Path(given).exists() else given
-    return fit_for_a_file(name).rstrip("-.").lstrip("._+=-") or "checkpoint"
 
 
 def _baseline(config: EvaluateConfig) -> TestedCheckpoint:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmark.results import read_result
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, PolicyError
 from envs.core.machine import num_cores
 from envs.tasks.suites import SUITES
 from roboverse_learn import cli
@@ -18,8 +18,11 @@ from roboverse_learn.commands import tasks_at_once
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.run_folder import read_facts
 from roboverse_learn.commands.run_identity import identity
+from roboverse_learn.commands.tested_checkpoint import checkpoint_to_test
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data import DatasetInfo
+from roboverse_learn.evaluate import evaluate_all
+from tests.roboverse_learn.commands.test_tested_checkpoint import write_checkpoint
 from tests.roboverse_learn.training.imitation.test_several_tasks_command import LIST, TINY
 
 TASKS = ("PickCube", "StackCube")
@@ -76,6 +79,21 @@ def test_one_at_a_time_and_one_task_start_no_process(started, at_once, tasks):
     of_one = compose("collect", ["task=PickCube", f"tasks_at_once={at_once}"])
     tasks_at_once.collect_in_parallel([of_one] * len(tasks))
     assert started == []
+
+
+def test_a_task_of_a_suite_that_was_not_learned_starts_no_process(started, tmp_path, monkeypatch):
+    monkeypatch.setattr(SUITES, "_entries", dict(SUITES._entries))
+    SUITES.add("three", (*TASKS, "PushCube"), summary="for this test")
+    folder = write_checkpoint(
+        tmp_path / "agent", {"type": "tdmpc2", "observation": {}, "tasks": dict.fromkeys(TASKS)}
+    )
+    words = [f"checkpoint={folder}", "suite=three", "device=cpu", "tasks_at_once=3"]
+    with pytest.raises(PolicyError, match="learned the task PickCube and StackCube, not PushCube"):
+        checkpoint_to_test(compose("evaluate", [*words[:1], "task=PushCube"]))
+    with pytest.raises(ConfigError, match="No task of the suite 'three' could run"):  # it has no weights
+        evaluate_all(compose("evaluate", [*words, f"results_dir={tmp_path}"]))
+    ((commands, _),) = started
+    assert [compose("evaluate", words).env["task"] for _, *words in commands] == list(TASKS)
 
 
 def test_how_many_tasks_run_at_once_changes_no_run():
