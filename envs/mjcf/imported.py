@@ -20,6 +20,7 @@ from envs.core.atomic import atomic_path, write_file
 from envs.core.errors import ConfigError
 from envs.mjcf.baking import baked
 from envs.mjcf.meshes import content_digest
+from envs.mjcf.recolour import recoloured
 from envs.mjcf.textured_mesh import TexturedMesh, box_mesh
 
 MAX_IMAGE_SIZE = 512
@@ -42,6 +43,7 @@ def imported(
     image_size: int = MAX_IMAGE_SIZE,
     free: bool = False,
     edit: Edit | None = None,
+    colour: str | None = None,
 ) -> Path:
     """Returns a file of the cache that has one object of another MJCF file, and nothing else.
 
@@ -52,6 +54,7 @@ def imported(
         image_size: Pixels along a side of the image of a simplified mesh.
         free: Whether the object moves freely; its joint has the damping that robosuite gives it.
         edit: Changes the file's tree first.
+        colour: Most frequent colour of its images, in place of theirs (:mod:`envs.mjcf.recolour`).
 
     Raises:
         ConfigError: The file, or a mesh or an image of it, cannot be read.
@@ -63,7 +66,7 @@ def imported(
     if body is None:
         raise ConfigError(f"{source} has no body '{root}'.")
     folder = source.parent / (_compiler(tree).get("meshdir") or "")
-    assets = _Assets(tree, folder, source, body)
+    assets = _Assets(tree, folder, source, body, colour)
     out = ET.Element("mujoco", model=source.stem)
     # Only what collides has mass, in MuJoCo's own terms too: robosuite compiles with inertiagrouprange="0 0".
     ET.SubElement(out, "compiler", angle=_compiler(tree).get("angle", "radian"), autolimits="true")
@@ -120,8 +123,10 @@ def _cleaned(body: ET.Element, assets: "_Assets") -> ET.Element:
 class _Assets:
     """The meshes, images and materials that an object uses."""
 
-    def __init__(self, tree: ET.Element, folder: Path, source: Path, body: ET.Element) -> None:
-        self._folder, self._source = folder, source
+    def __init__(
+        self, tree: ET.Element, folder: Path, source: Path, body: ET.Element, colour: str | None
+    ) -> None:
+        self._folder, self._source, self._colour = folder, source, colour
         self._classes = {item.get("class"): item.find("geom") for item in tree.iter("default")}
         self._found: dict[str, dict[str, ET.Element]] = {"mesh": {}, "texture": {}, "material": {}}
         for item in tree.iterfind("asset/*"):
@@ -180,7 +185,7 @@ class _Assets:
             material = self._found["material"].get(self._meshes[name] or "")
             image = None if material is None else self._image(material)
             flat = image is None or image.get("type") == "cube"
-            texture = None if flat or image is None else self._path(image)
+            texture = None if flat or image is None else self._image_path(image)
             self._files[name], baked = _mesh_files(path, texture, budget, image_size)
             if baked is not None:
                 self._baked[name] = baked
@@ -210,7 +215,7 @@ class _Assets:
         added = ET.SubElement(out, "material", name=name, rgba=material.get("rgba", "1 1 1 1"))
         if image is None:
             return
-        file, mean = self._image_file(self._path(image))
+        file, mean = self._image_file(self._image_path(image))
         if image.get("type") == "cube":  # its mapping needs no coordinates: a colour
             added.set("rgba", " ".join(f"{value:.3f}" for value in (*mean, 1.0)))
             return
@@ -223,6 +228,10 @@ class _Assets:
         if not path.is_file():
             raise ConfigError(f"{self._source} names a file that is not there: {path}.")
         return path
+
+    def _image_path(self, item: ET.Element) -> Path:
+        path = self._path(item)
+        return path if self._colour is None else _recoloured_file(path, self._colour)
 
     def _image_file(self, path: Path) -> tuple[str, np.ndarray]:
         key = content_digest(path) + json.dumps([_VERSION, MAX_IMAGE_SIZE]).encode()
@@ -250,6 +259,14 @@ def _mesh_files(path: Path, texture: Path | None, budget: int, size: int) -> tup
             _save(Image.fromarray(pixels), image)
         write_file(file, mesh.msh())
     return f"../meshes/{file.name}", f"../images/{image.name}" if image.is_file() else None
+
+
+def _recoloured_file(path: Path, colour: str) -> Path:
+    key = content_digest(path) + json.dumps([_VERSION, colour]).encode()
+    file = cache_dir("images") / f"{hashlib.sha256(key).hexdigest()[:32]}.png"
+    if not file.is_file():
+        _save(recoloured(read_image(path), colour), file)
+    return file
 
 
 def read_image(path: Path) -> Image.Image:

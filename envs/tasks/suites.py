@@ -90,14 +90,15 @@ SUITES.add(
     _of_libero_10_with_expert,
     summary="LIBERO: the nine long tasks that the expert solves",
 )
-for _set, _words in {
-    "few": "five groceries",
-    "many": "ten groceries",
-    "unseen": "seven groceries that the other sets lack",
+for _set, (_start, _words) in {
+    "few": ("few/", "five groceries"),
+    "many": ("many/", "ten groceries"),
+    "unseen": ("unseen/", "seven groceries that the other sets lack"),
+    "colours": ("colours_", "three scenes of ten groceries, most in another colour"),
 }.items():
     SUITES.add(
         f"grasp/{_set}",
-        partial(_starting_with, f"{grasp.PREFIX}{_set}/"),
+        partial(_starting_with, f"{grasp.PREFIX}{_start}"),
         summary=f"grasp by language: {_words}",
     )
 SUITES.add("libero", partial(_of_libero, ""), summary="LIBERO's five suites together")

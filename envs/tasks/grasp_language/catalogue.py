@@ -5,7 +5,7 @@ after its ``hope_objects.py`` where no task has the object.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +16,7 @@ EXTRA = "libero"
 
 CATALOGUE = Path(__file__).with_name("sets.json")
 
-SETS = ("few", "many", "unseen")
+SETS = ("few", "many", "unseen", "colours_1", "colours_2", "colours_3")
 
 HORIZON = 200
 """Control steps after which an episode is cut off: 10 s."""
@@ -27,14 +27,18 @@ class Grocery:
     """One object.
 
     Attributes:
-        name: LIBERO's name of it.
+        name: LIBERO's name of it; where it has another colour, with the colour before it.
         words: What instructions call it.
         rest: Orientation in which it stands, wxyz.
+        asset: LIBERO's name of its files.
+        colour: Colour that its files get in place of their own (:mod:`envs.mjcf.recolour`); None leaves them.
     """
 
     name: str
     words: str
     rest: tuple[float, float, float, float]
+    asset: str
+    colour: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +72,15 @@ class Entry:
 
 @cache
 def groceries() -> dict[str, Grocery]:
-    """Returns the objects by name."""
-    raw = json.loads(CATALOGUE.read_text(encoding="utf-8"))["objects"]
-    return {name: Grocery(name, item["words"], tuple(item["rest"])) for name, item in raw.items()}
+    """Returns the objects by name: those of LIBERO, then those in another colour."""
+    raw = json.loads(CATALOGUE.read_text(encoding="utf-8"))
+    items = {
+        name: Grocery(name, item["words"], tuple(item["rest"]), name) for name, item in raw["objects"].items()
+    }
+    for name, item in raw["coloured"].items():
+        plain, colour = items[item["of"]], item["colour"]
+        items[name] = replace(plain, name=name, words=f"{colour} {plain.words}", colour=colour)
+    return items
 
 
 @cache

@@ -48,16 +48,16 @@ def objects_of(set_name: str) -> dict[str, Placed]:
 
 @lru_cache(maxsize=64)
 def _placed(name: str) -> Placed:
-    rest = groceries()[name].rest
-    source = asset_of(name)
+    item = groceries()[name]
+    source = asset_of(item.asset)
     if source is None:
         raise MissingExtraError(
-            f"The installed packages of the extra '{EXTRA}' have no '{name}'. Install those of its versions: "
-            f"{install_command(EXTRA)}"
+            f"The installed packages of the extra '{EXTRA}' have no '{item.asset}'. "
+            f"Install those of its versions: {install_command(EXTRA)}"
         )
-    path = imported(source, max_faces=OBJECT_FACES, free=True)
+    path = imported(source, max_faces=OBJECT_FACES, free=True, colour=item.colour)
     parts = parts_of(path)
-    points = cloud(parts, EntityState.at_rest(np.zeros(3), np.array([rest])))
+    points = cloud(parts, EntityState.at_rest(np.zeros(3), np.array([item.rest])))
     height, radius = -float(points[:, 2].min()), float(np.linalg.norm(points[:, :2], axis=1).max())
     cfg = ObjectCfg(
         name=name,
@@ -65,7 +65,7 @@ def _placed(name: str) -> Placed:
         mjcf_root="object",
         mjcf_shown=(1,),
         pos=(0.0, 0.0, height),
-        rot=rest,
+        rot=item.rest,
     )
     return Placed(cfg, parts, height, radius)
 

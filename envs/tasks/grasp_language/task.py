@@ -1,8 +1,9 @@
 """Grasp the object that the instruction names, out of several on a table.
 
 The sets are those of RoboVerse's language grasping (arXiv:2504.18904), whose objects it does not name. These
-are LIBERO's groceries (arXiv:2306.03310), and LIBERO-PRO's recoloured ones in the set ``unseen``. All tasks
-of a set have one scene: what to grasp follows from the instruction alone.
+are LIBERO's groceries (arXiv:2306.03310), and LIBERO-PRO's recoloured ones in the set ``unseen``. The sets
+``colours_1`` to ``colours_3`` are ours. All tasks of a set have one scene: what to grasp follows from the
+instruction alone.
 """
 
 from collections.abc import Sequence

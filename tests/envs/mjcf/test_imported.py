@@ -74,6 +74,22 @@ def test_a_simplified_mesh_shows_the_same_colours(source):
         assert (color[0] > 128) == (middle[0] > 0) and (color[2] > 128) == (middle[2] > 0), (middle, color)
 
 
+def test_another_colour_changes_the_image_alone(source):
+    pixels = np.full((64, 64, 3), 255, np.uint8)
+    pixels[:, 16:] = (200, 0, 0)
+    Image.fromarray(pixels).save(source.parent / "parts" / "image.png")
+    paths = imported(source, max_faces=300), imported(source, max_faces=300, colour="blue")
+    models = [mujoco.MjModel.from_xml_path(str(path)) for path in paths]
+    np.testing.assert_array_equal(models[0].mesh_vert, models[1].mesh_vert)
+    np.testing.assert_array_equal(models[0].mesh_texcoord, models[1].mesh_texcoord)
+    red, blue = (model.tex_data.reshape(-1, 3) for model in models)
+    was_red = (red == (200, 0, 0)).all(1)
+    assert was_red.sum() > 1000
+    np.testing.assert_allclose(blue[was_red], [(0, 67, 200)] * was_red.sum(), atol=3)
+    np.testing.assert_array_equal(blue[~was_red], red[~was_red])
+    assert imported(source, max_faces=300) == paths[0]
+
+
 def test_nothing_is_made_twice_and_a_changed_source_is_made_anew(source):
     first = imported(source)
     before = {path: path.stat().st_mtime_ns for path in first.parents[1].rglob("*.*")}

@@ -210,11 +210,16 @@ def test_the_recipes_of_suites_see_all_cameras_and_every_task_in_each_batch(reci
     learner_of(config, "cpu").check()
 
 
-def test_the_recipe_of_grasping_has_all_tasks_of_few_and_many():
-    config = compose("train", ["recipe=mtact_grasp"])
-    assert config.tasks == (*suite_tasks("grasp/few"), *suite_tasks("grasp/many"))
+@pytest.mark.parametrize(
+    ("recipe", "sets"),
+    [("mtact_grasp", ["few", "many"]), ("mtact_grasp_colours", ["few", "many", "colours"])],
+)
+def test_a_recipe_of_grasping_has_all_tasks_of_its_sets_and_none_of_the_unseen(recipe, sets):
+    config = compose("train", [f"recipe={recipe}"])
+    assert config.tasks == tuple(task for name in sets for task in suite_tasks(f"grasp/{name}"))
+    assert not set(config.tasks) & set(suite_tasks("grasp/unseen"))
     assert config.train.batch_size % len(config.tasks) == 0
-    assert "mtact_grasp" not in find_recipes("v1", configs_folder() / "recipe")
+    assert recipe not in find_recipes("v1", configs_folder() / "recipe")
 
 
 @pytest.mark.slow
