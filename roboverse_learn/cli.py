@@ -36,6 +36,10 @@ _MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
 _OUT_OF_MEMORY = ("can't allocate memory", "out of memory")
 """Of PyTorch's messages on a CPU and on a GPU."""
 
+_SAVE_NOTHING = ("check", "doctor", "list", "view")
+
+_CONTINUES = " What is saved stays: the same command continues from there."
+
 _OF_WORDS = ("assets", "dataset")
 """Commands whose function takes the words themselves."""
 
@@ -62,7 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RoboVerseError as error:
         return _fail(str(error))
     except KeyboardInterrupt as interrupt:
-        print("\nInterrupted. What is saved stays: the same command continues from there.", file=sys.stderr)
+        saved = "" if {*words[:1]} <= {*_SAVE_NOTHING} else _CONTINUES
+        print(f"\nInterrupted.{saved}", file=sys.stderr)
         return interrupt.exit_code if isinstance(interrupt, Interrupted) else 130
     except (MemoryError, RuntimeError) as error:
         return _fail(_not_enough_memory(error))
@@ -289,7 +294,9 @@ def _show(report: Any) -> None:
     from rich.console import Console
 
     console = Console() if sys.stdout.isatty() else Console(width=120)
-    console.print(report)
+    console.print(
+        report, crop=False
+    )  # a path may be wider than the terminal, which then goes on in the next line
 
 
 def _start_logging() -> None:

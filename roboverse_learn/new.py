@@ -134,7 +134,7 @@ def _next_steps(config: NewConfig, folder: Path, files: list[str]) -> str:
             f"Written to {folder}: {', '.join(files)}",
             "Next:",
             *(f"  {command}" for command in commands),
-            f"Installed by 'pip install -e {folder}', it is known to every command without plugins=.",
+            f"Installed by 'pip install --no-deps -e {folder}', every command knows it without plugins=.",
         ]
     )
 

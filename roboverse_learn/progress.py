@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 INTERVAL_S = 15.0
 """Time between two lines."""
 
+_LEAST_S = 0.1
+"""Time after which a rate is shown: what ends at once has none that means anything."""
+
 log = logging.getLogger(__name__)
 
 
@@ -73,7 +76,9 @@ class StageProgress:
         if done > already:
             each_s = (now - since) / (done - already)
             left_s = each_s * max(total - done, 0) if left_s is None else left_s
-            parts.append(f"{1 / max(each_s, 1e-9):.3g} {unit}/s" if unit else "")
+            if unit and now - since >= _LEAST_S:
+                rate = 1 / each_s
+                parts.append(f"{rate:,.0f} {unit}/s" if rate >= 100 else f"{rate:.3g} {unit}/s")
         if left_s is not None:
             parts.append(f"{clock(left_s)} left")
         self._description = ", ".join(filter(None, parts))

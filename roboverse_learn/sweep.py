@@ -8,6 +8,8 @@ sweep that was stopped. ``recipe=<name>`` makes the leaderboard's table.
 import itertools
 import json
 import logging
+import os
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +18,7 @@ from pathlib import Path
 import policies
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+from envs.core.registry import PLUGINS_VARIABLE
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
@@ -122,8 +125,11 @@ def sweep(the_sweep: Sweep) -> str:
     if the_sweep.config.dry_run and the_sweep.config.recipe:
         return table(the_sweep)
     if the_sweep.config.dry_run:
-        lines = [f"# complete: {folder}" for folder in complete] + [job.command for job in jobs]
-        return "\n".join(lines)
+        plugins = os.environ.get(PLUGINS_VARIABLE, "")
+        named = " " + shlex.quote(f"plugins=[{plugins}]") if plugins else ""
+        return "\n".join(
+            [f"# complete: {folder}" for folder in complete] + [job.command + named for job in jobs]
+        )
     config = the_sweep.config
     launcher = make_launcher(config.launcher, config.launcher_settings, config.jobs_per_gpu)
     _, first = the_sweep.runs[0]

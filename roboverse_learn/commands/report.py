@@ -36,12 +36,12 @@ def train_report(run: "TrainedRun") -> Group:
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         *_tables(run.evaluations),
         *([Text(run.note)] if run.note else []),
-        path_table(
+        paths_text(
             {"run": run.folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
             | _evaluation_paths(run.evaluations, run.board)
         ),
         Text(f"Done in {clock(run.seconds)}: {times}."),
-        path_table({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
+        paths_text({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
     )
 
 
@@ -52,19 +52,19 @@ def collection_report(dataset: "CollectionSummary") -> Group:
         Text(
             f"{dataset.num_frames:,} frames, {clock(dataset.wall_time_s)}, hash {dataset.dataset_hash[:16]}."
         ),
-        path_table({"dataset": dataset.root}),
+        paths_text({"dataset": dataset.root}),
     )
 
 
 def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
     """The table of success of every task, and where the results are."""
-    return Group(*_tables(evaluations), path_table(_evaluation_paths(evaluations, board)))
+    return Group(*_tables(evaluations), paths_text(_evaluation_paths(evaluations, board)))
 
 
 def leaderboard_report(board: Mapping[str, Path], removed_videos: int | None = None) -> Group:
     """Paths of the leaderboard, and how many videos were removed, if any were to be."""
     removed = [] if removed_videos is None else [Text(f"Removed {removed_videos} videos.")]
-    return Group(*removed, path_table(board_paths(board)))
+    return Group(*removed, paths_text(board_paths(board)))
 
 
 def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
@@ -86,7 +86,7 @@ def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Pat
         )
     plots = [each for name, each in page.items() if name.startswith("plot")]
     return Group(
-        Text("\n".join(lines)), path_table({"summary": path, "table": page["table"], "plots": plots})
+        Text("\n".join(lines)), paths_text({"summary": path, "table": page["table"], "plots": plots})
     )
 
 
@@ -97,7 +97,7 @@ def conservation_report(cells: Sequence[Sequence[str]], written: Mapping[str, Pa
     for row in rows:
         table.add_row(*row)
     plots = [path for name, path in written.items() if name.startswith("plot")]
-    return Group(table, path_table({"table": written["table"], "plots": plots}))
+    return Group(table, paths_text({"table": written["table"], "plots": plots}))
 
 
 def success_table(evaluation: "Evaluation") -> Table:
@@ -235,17 +235,15 @@ def board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
 
 
-def path_table(paths: Mapping[str, Any]) -> Table:
-    """A table of names and paths, without borders, so that a path can be copied."""
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-    table.add_column()
-    table.add_column(overflow="fold")
+def paths_text(paths: Mapping[str, Any]) -> Text:
+    """Names and paths, a path in a line; a long one is not broken, so that it can be copied."""
+    lines: list[tuple[str, str]] = []
     for name, value in paths.items():
         several: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
         shown = [str(path) for path in several if path is not None]
         more = len(shown) - _SHOWN_VIDEOS
         if more > 0:
             shown = [*shown[:_SHOWN_VIDEOS], f"… and {more} more beside them"]
-        if shown:
-            table.add_row(name, "\n".join(shown))
-    return table
+        lines += [(name if index == 0 else "", path) for index, path in enumerate(shown)]
+    width = max((len(name) for name, _ in lines), default=0)
+    return Text("\n".join(f"{name:{width}}  {path}" for name, path in lines), no_wrap=True, overflow="ignore")

@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from roboverse_learn.commands.report import board_paths, in_scene, path_table, rate_text, wording_table
+from roboverse_learn.commands.report import board_paths, in_scene, paths_text, rate_text, wording_table
 from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
 
 
@@ -24,12 +24,13 @@ class SuiteReport(Group):
 def suite_collection_report(suite: SuiteCollection) -> SuiteReport:
     """Demonstrations of each task, and their folders."""
     table = Table(title=f"{suite.suite}: demonstrations", title_justify="left")
-    for title in ("task", "demonstrations", "frames", "expert or source succeeds", "dataset"):
+    for title in ("task", "demonstrations", "frames", "expert or source succeeds"):
         table.add_column(title, overflow="fold")
     for task, each in suite.collected.items():
         share = f"{100 * each.success_rate:.0f} %"
-        table.add_row(task, str(each.num_episodes), f"{each.num_frames:,}", share, str(each.root))
-    return _with_failures(suite.failed, table)
+        table.add_row(task, str(each.num_episodes), f"{each.num_frames:,}", share)
+    folders = {task: each.root for task, each in suite.collected.items()}
+    return _with_failures(suite.failed, table, paths_text(folders))
 
 
 def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -> SuiteReport:
@@ -50,10 +51,10 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
     worded = wording_table([*suite.evaluations.values()])
     tables = [table] if worded is None else [table, worded]
     written = {"suite": suite.path} | board_paths(board)
-    return _with_failures(suite.failed, *tables, path_table(written))
+    return _with_failures(suite.failed, *tables, paths_text(written))
 
 
-def _with_failures(failed: Mapping[str, str], *parts: Table) -> SuiteReport:
+def _with_failures(failed: Mapping[str, str], *parts: Table | Text) -> SuiteReport:
     lines = [f"Left out {len(failed)}:", *(f"  {task}: {why}" for task, why in failed.items())]
     report = SuiteReport(*parts, *([Text("\n".join(lines))] if failed else []))
     report.ok = not failed

@@ -274,8 +274,10 @@ class SweepConfig:
         check_suite(self.suite, tasks=listed(self.tasks) if self.tasks else "")
         only = [key for key in ("tasks", "levels", "seeds", "policies") if getattr(self, key)]
         if only and not self.recipe:
+            tested = " Each run is tested at evaluate.levels=[...]." if "levels" in only else ""
             raise ConfigError(
                 f"{', '.join(only)} restrict the table of a recipe: add recipe=<name>, as in recipe=act_v1."
+                f"{tested}"
             )
 
 

@@ -82,6 +82,14 @@ def test_what_is_counted_has_a_rate(caplog: pytest.LogCaptureFixture) -> None:
     assert 0 < float(found[1]) <= 50  # ten in a fifth of a second, or longer on a busy machine
 
 
+def test_what_ends_at_once_has_no_rate(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "roboverse_learn.progress")
+    with StageProgress("evaluating", Console(file=StringIO())) as progress:
+        progress.update(1, 2, unit="episodes")
+        progress.update(2, 2, unit="episodes")
+    assert caplog.messages[-1].startswith("evaluating 2/2 (100 %), 0:00 left")
+
+
 @pytest.mark.parametrize(("num_attempts", "shown"), [(0, "71 frames/s"), (8, "75.0 % succeed, 71 frames/s")])
 def test_a_collection_shows_its_success_rate_from_the_first_attempt_on(num_attempts: int, shown: str) -> None:
     progress = CollectionProgress(

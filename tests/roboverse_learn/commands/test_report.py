@@ -3,8 +3,14 @@
 from types import SimpleNamespace
 from typing import Any
 
+from rich.console import Group
+
 from benchmark.records import EpisodeRecord
-from roboverse_learn.commands.report import wording_table
+from roboverse_learn import cli
+from roboverse_learn.commands.report import collection_report, paths_text, wording_table
+from roboverse_learn.commands.suite import SuiteCollection
+from roboverse_learn.commands.suite_report import suite_collection_report
+from roboverse_learn.data.collection.collect import CollectionSummary
 
 NUM = 10
 
@@ -54,3 +60,33 @@ def test_a_task_without_the_known_wordings_has_no_row_and_no_part_of_all():
     other = evaluation("StackCube", known=8, new_words=8)
     assert rows(known, without, other) == rows(known, other)
     assert wording_table([without]) is None
+
+
+FOLDER = f"datasets/grasp/few/{'long_' * 40}name"
+COLLECTED = CollectionSummary(
+    root=FOLDER,
+    num_episodes=2,
+    num_frames=100,
+    num_attempts=2,
+    success_rate=1.0,
+    wall_time_s=1.0,
+    dataset_hash="0" * 64,
+)
+
+
+def test_a_long_path_is_one_line_that_can_be_copied(capsys):
+    for report in (
+        collection_report(COLLECTED),
+        suite_collection_report(
+            SuiteCollection(suite="grasp/few", collected={"grasp/few/milk": COLLECTED}, failed={})
+        ),
+        Group(paths_text({"result": [FOLDER, "runs/a"], "page": None})),
+    ):
+        cli._show(report)
+        lines = capsys.readouterr().out.splitlines()
+        assert [line.split()[-1] for line in lines if "long_" in line] == [FOLDER]
+
+
+def test_names_of_paths_are_a_column_and_several_stand_below_one_another():
+    text = paths_text({"result": ["a.json", "b.json"], "page": "p.html", "videos": [], "table": None})
+    assert text.plain.splitlines() == ["result  a.json", "        b.json", "page    p.html"]

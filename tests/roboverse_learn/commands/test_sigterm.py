@@ -51,6 +51,8 @@ def test_a_command_says_so_and_ends_with_143(
     assert cli.main(["leaderboard"]) == 143
     said = capsys.readouterr().err
     assert said.strip() == "Interrupted. What is saved stays: the same command continues from there."
+    assert cli.main(["doctor"]) == 143
+    assert capsys.readouterr().err.strip() == "Interrupted.", "it saves nothing"
 
 
 def test_a_viewer_that_waits_is_ended_too(monkeypatch: pytest.MonkeyPatch) -> None:

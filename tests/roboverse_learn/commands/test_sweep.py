@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from envs.core.errors import ConfigError, UnknownNameError
+from envs.core.registry import PLUGINS_VARIABLE
 from envs.spec import EnvSpec
 from roboverse_learn import cli
 from roboverse_learn.collect import dataset_folder
@@ -191,6 +192,22 @@ class TestJobs:
             f"roboverse train seed=0 runs_dir={tmp_path} 'cameras=[front]'",
             f"roboverse train seed=1 runs_dir={tmp_path} 'cameras=[front]'",
         ]
+
+    def test_commands_of_a_dry_run_name_the_plugins(self, tmp_path, capsys, monkeypatch):
+        (tmp_path / "my_nothing.py").write_text("")
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.setenv(PLUGINS_VARIABLE, "")
+        assert (
+            cli.main(["sweep", "seed=0", f"runs_dir={tmp_path}", "plugins=[my_nothing]", "dry_run=true"]) == 0
+        )
+        lines = capsys.readouterr().out.splitlines()
+        assert len(lines) == 2 and all(line.endswith(" 'plugins=[my_nothing]'") for line in lines)
+
+    def test_levels_without_a_recipe_are_answered_with_those_of_the_evaluation(self):
+        with pytest.raises(ConfigError, match=r"add recipe=<name>.* evaluate\.levels=\[\.\.\.\]"):
+            plan(["levels=[0]"])
+        with pytest.raises(ConfigError, match=r"as in recipe=act_v1\.$"):
+            plan(["seeds=[0]"])
 
 
 @pytest.fixture

@@ -60,6 +60,17 @@ def test_a_retargeted_dataset_is_retargeted_back(demos, tmp_path):
 
 
 @pytest.mark.slow
+def test_more_or_fewer_demonstrations_than_num_demos_are_said(demos, tmp_path):
+    words = ["robot=ur5e", f"dataset={tmp_path / 'made'}"]
+    fewer = collect_dataset(config(demos, *words, "num_demos=9"))
+    assert fewer.num_episodes == 3
+    assert fewer.outcome.endswith("; num_demos=9 is the most, and source=retarget has no more")
+    more = collect_dataset(config(demos, *words, "num_demos=2"))
+    assert more.num_episodes == 3
+    assert more.outcome.endswith("; the dataset had them before, and num_demos=2 takes none away")
+
+
+@pytest.mark.slow
 def test_only_episodes_that_solve_the_task_are_kept(demos, tmp_path, monkeypatch):
     from roboverse_learn.data.retargeting.planner import RetargetPlanner
 
