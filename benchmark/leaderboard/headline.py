@@ -22,8 +22,8 @@ def headline(
     """Returns the rankings, the one with most cells first.
 
     A board has the entries that learned from the same source, demonstrations or reward, and were tested
-    where they were trained, in tasks of one suite: those of the paper's table, or of one family. Only the
-    tasks' own scenes count.
+    where they were trained, in tasks of one suite: those of the paper's table, or those whose names begin alike
+    up to the last slash, such as ``libero/goal``. Only the tasks' own scenes count.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build.build`.
@@ -75,8 +75,8 @@ def _newest_result(section: Mapping[str, Any]) -> str:
 
 
 def _suite(task: str, table: Sequence[str]) -> str:
-    family, slash, _ = task.partition("/")
-    return "RoboVerse" if task in table else family if slash else "other tasks"
+    family = task.rpartition("/")[0]
+    return "RoboVerse" if task in table else family or "other tasks"
 
 
 def _shown(cell: Mapping[str, Any], section: str) -> dict[str, Any]:

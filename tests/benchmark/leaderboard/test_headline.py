@@ -164,3 +164,16 @@ def test_a_changed_horizon_is_another_section_and_the_newest_is_ranked(publish, 
     assert [name for name, _ in named(board, table["protocols"]["A"]["0"])] == ["diffusion_v1"]
     page = render_html(board)
     assert ">MuJoCo, 100 steps</label>" in page and ">MuJoCo, 250 steps</label>" in page
+
+
+def test_suites_of_a_family_are_ranked_apart_and_columns_leave_out_the_suite(publish, tmp_path):
+    for task in ("grasp/few/milk", "grasp/few/butter", "grasp/many/milk", "calvin/D/turn_on_led"):
+        publish(task=task)
+    board = leaderboard.build(tmp_path)
+    found = {table["suite"]: table["tasks"] for table in board["headline"]}
+    assert found == {
+        "grasp/few": ["grasp/few/butter", "grasp/few/milk"],
+        "grasp/many": ["grasp/many/milk"],
+        "calvin/D": ["calvin/D/turn_on_led"],
+    }
+    assert "| tested at | rank | policy | budget | butter | milk | mean |" in render_markdown(board)
