@@ -95,6 +95,54 @@ def test_an_entry_point_that_fails_at_import_names_its_package_and_the_error(tmp
         Registry("thing", GROUP).get("Theirs")
 
 
+@pytest.fixture
+def block(tmp_path, monkeypatch):
+    """A package that registers ``Block`` when it is imported, as ``roboverse new`` writes it."""
+    registry = Registry("thing", GROUP)
+    monkeypatch.setattr("builtins.registry", registry, raising=False)
+    folder = tmp_path / "block"
+    folder.mkdir()
+    folder.joinpath("__init__.py").write_text(
+        "import builtins\nbuiltins.registry.add('Block', 'block.thing:Block')\n"
+    )
+    folder.joinpath("thing.py").write_text("class Block: ...\nclass Other: ...\n")
+    yield registry
+    for name in ("block", "block.thing"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("target", "cause"),
+    [
+        ("block.thng:Block", "from 'block.thng:Block': No module named 'block.thng'. Mend its entry point"),
+        ("block.thing:BLock", "has no attribute 'BLock'. Did you mean 'Block'? Mend its entry point"),
+        (
+            "block.thing:Other",
+            "by the package 'block' (block.thing:Other), and by the module 'block' (block.",
+        ),
+    ],
+)
+def test_an_entry_point_that_differs_from_what_its_package_registers_says_what_is_wrong_with_it(
+    tmp_path, monkeypatch, block, target, cause
+):
+    install(tmp_path, monkeypatch, "block", {"Block": target, "Fine": "block.thing:Other"})
+    for _ in range(2):
+        with pytest.raises(ConfigError, match=re.escape(cause)) as caught:
+            block.get("Block")
+        assert ".." not in str(caught.value)
+    assert block.get("Fine").__name__ == "Other"
+
+
+def test_an_error_that_ends_with_a_full_stop_has_no_second_one(tmp_path, monkeypatch):
+    modules = {"stopping_things": "raise ValueError('Bad gain.')"}
+    install(tmp_path, monkeypatch, "theirs", {"Theirs": "stopping_things:THING"}, modules)
+    with pytest.raises(ConfigError, match=r"ValueError: Bad gain\. Mend stopping_things;"):
+        Registry("thing", GROUP).get("Theirs")
+    monkeypatch.setenv(PLUGINS_VARIABLE, "stopping_things")
+    with pytest.raises(ConfigError, match=r"ValueError: Bad gain\. Mend it;"):
+        Registry("thing", GROUP).names()
+
+
 def test_plugins_register_by_being_imported(tmp_path, monkeypatch):
     tmp_path.joinpath("my_plugin.py").write_text("import builtins\nbuiltins.registry.add('Mine', 7)\n")
     monkeypatch.syspath_prepend(tmp_path)
