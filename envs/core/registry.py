@@ -19,6 +19,9 @@ PLUGINS_VARIABLE = "ROBOVERSE_PLUGINS"
 ``plugins=[...]`` of a command sets it, so that the processes that the command starts load them too.
 """
 
+OF_YOUR_OWN = "One of your own is known with plugins=[<package>], or once its package is installed."
+"""What to do about an unknown name of what other packages register, too."""
+
 
 @dataclass(frozen=True, slots=True)
 class Entry[T]:
@@ -122,7 +125,7 @@ class Registry[T]:
         if name not in self._entries:
             self._load_others()
         if name not in self._entries:
-            raise unknown_name(self.kind, name, self._entries)
+            raise unknown_name(self.kind, name, self._entries, OF_YOUR_OWN if self.group else "")
         return self._entries[name]
 
     def get(self, name: str) -> T:
