@@ -17,6 +17,7 @@ from benchmark.instruction_scores import instruction_scores, wording_gaps
 from benchmark.protocol import Protocol
 from benchmark.record_columns import to_columns, to_rows
 from benchmark.records import Checkpoint, EpisodeRecord, Git, Machine, Result
+from benchmark.unregistered import check_registered
 from envs.core.atomic import write_file
 from envs.core.errors import ForeignFileError, ResultError, RoboVerseError
 from envs.core.fingerprint import fingerprint
@@ -76,6 +77,7 @@ def read_result(path: Path) -> Result:
     Raises:
         ResultError: The file is absent, cut short, of another schema, edited, or its cells do not
             follow from its records.
+        UnregisteredError: It is whole, and of a channel or level that is not registered here.
         ForeignFileError: It is no results file at all.
     """
     text = ""
@@ -203,6 +205,9 @@ def _check_schema(path: Path, document: Any) -> None:
 
 def _from_document(path: Path, document: dict[str, Any]) -> Result:
     """Builds the result of a document that follows the schema, and checks what a schema cannot."""
+    is_whole = document["digest"] == _digest(document)
+    if is_whole:  # in a file that was changed, a name may be the damage
+        check_registered(path, document)
     try:
         protocol = Protocol.from_json(document["protocol"])
         if document["protocol_hash"] != protocol.hash:
@@ -216,7 +221,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
             _check_gaps(document["wording_gaps"], result)
     except RoboVerseError as error:
         raise ResultError(f"Results file '{path}': {error} {_AGAIN}") from error
-    if document["digest"] != _digest(document):
+    if not is_whole:
         raise ResultError(
             f"Results file '{path}' was changed after it was written: its digest does not match. {_AGAIN}"
         )

@@ -13,8 +13,9 @@ from typing import Any
 from benchmark.protocol import Cell, Protocol
 from benchmark.records import CellSummary, Result
 from benchmark.statistics import mean_of_rates, out_to_spread
+from benchmark.unregistered import check_registered
 from envs.core.atomic import write_file
-from envs.core.errors import ResultError, RoboVerseError
+from envs.core.errors import ResultError, RoboVerseError, UnregisteredError
 
 FOLDER = "suites"
 """Folder below the results."""
@@ -159,12 +160,14 @@ def read_suite(path: Path) -> SuiteResult:
 
     Raises:
         ResultError: It is no such file, or not whole.
+        UnregisteredError: It is of a channel or level that is not registered here.
     """
     try:
         document = json.loads(path.read_bytes())
         if document["schema_version"] != SCHEMA_VERSION:
             raise ValueError(f"it has schema version {document['schema_version']!r}")
         values = {item.name: document[item.name] for item in fields(SuiteResult)}
+        check_registered(path, document)
         protocol = Protocol.from_json(values["protocol"])
         suite = SuiteResult(**values | {"protocol": protocol, "tasks": tuple(values["tasks"])})
         unknown = {*suite.results, *suite.failed} - {*suite.tasks}
@@ -172,6 +175,8 @@ def read_suite(path: Path) -> SuiteResult:
             raise ValueError(f"'{min(unknown)}' is none of its tasks")
     except OSError as error:
         raise ResultError(f"Could not read '{path}': {error.strerror or error}.") from error
+    except UnregisteredError:
+        raise
     except KeyError as error:
         raise ResultError(f"'{path}' is no result of a suite: it has no {error}. {_AGAIN}") from error
     except (ValueError, TypeError, RoboVerseError) as error:

@@ -4,6 +4,7 @@ A setting has the name that it has on the command line. One with dots is a dicti
 part where no other ends so: ``train(steps=5)``, ``train(train={"steps": 5})``.
 """
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
     from roboverse_learn.checks.report import Checked
     from roboverse_learn.data.collection.collect import CollectionSummary
+
+log = logging.getLogger(__name__)
 
 type AnyPolicy = Policy | Callable[[Observation], "np.ndarray"]
 
@@ -67,7 +70,8 @@ def train(
         **settings: Those of ``roboverse train``, such as ``preset="quick"``.
 
     Returns:
-        The run with its checkpoint and evaluations; None in other processes than the first of
+        The run with its checkpoint and evaluations, and in ``board_failure`` why no leaderboard could be
+        written, which is logged as well; None in other processes than the first of
         ``accelerate launch``.
 
     Raises:
@@ -77,7 +81,10 @@ def train(
 
     given = {"policy": policy} | _of_task(task, in_one_process=True) | settings
     with called_with(_words(given)):
-        return train_run(compose("train", (), given))
+        run = train_run(compose("train", (), given))
+    if run is not None and run.board_failure:
+        log.warning("%s", run.board_failure)
+    return run
 
 
 def evaluate(

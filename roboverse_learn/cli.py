@@ -248,6 +248,9 @@ def _run(command: str, config: Any) -> int:
     """Calls a command and prints what it returns; returns the exit code."""
     report = _function(command)(config)
     _show(report)
+    if failure := getattr(report, "failure", ""):
+        _flush_output()  # the report comes before the error
+        return _fail(failure)
     return _code(report)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+import importlib
 import importlib.metadata
 import json
 import logging
@@ -125,6 +126,29 @@ def extras() -> Facts:
     return found
 
 
+def plugins() -> Facts:
+    """What other installed packages register, and every name that is registered twice."""
+    found: Facts = {}
+    twice: list[str] = []
+    for place in _REGISTRIES:
+        module, _, name = place.partition(":")
+        registry = getattr(importlib.import_module(module), name)
+        for entry in map(registry.entry, registry):
+            for each in filter(lambda owner: owner.distribution, (entry, *entry.rivals)):
+                found.setdefault(each.distribution, []).append(f"{registry.kind} {each.name}")
+        twice += registry.conflicts()
+    return (found or {"packages": "none"}) | ({"registered twice": " ".join(twice)} if twice else {})
+
+
+_REGISTRIES = (
+    *("envs.tasks:TASKS", "envs.tasks.suites:SUITES", "envs.tasks.protocols:PROTOCOLS"),
+    *("envs.robots:ROBOTS", "envs.randomization.channels:CHANNELS", "envs.randomization.levels:NAMED_LEVELS"),
+    *("policies:POLICIES", "envs.core.assets:ASSETS", "roboverse_learn.data.sources:SOURCES"),
+    "roboverse_learn.launch:LAUNCHERS",
+)
+"""Registries to which other packages add."""
+
+
 def disk() -> Facts:
     """Free space where runs are written and where temporary files are."""
     folders = {"working folder": Path.cwd(), "temporary files": Path(tempfile.gettempdir())}
@@ -188,6 +212,7 @@ PARTS: dict[str, Callable[[], Facts]] = {
     "system": system,
     "packages": packages,
     "extras": extras,
+    "plugins": plugins,
     "gpu": torch_and_gpu,
     "disk": disk,
     "video": video,

@@ -44,7 +44,7 @@ def evaluate(config: EvaluateConfig) -> Any:
     """
     from roboverse_learn.commands.report import evaluation_report
     from roboverse_learn.commands.tasks_at_once import keeps_cells_alone
-    from roboverse_learn.leaderboard import write_leaderboard_of
+    from roboverse_learn.leaderboard import report_with_leaderboard
 
     results_dir = Path(config.results_dir)
     if keeps_cells_alone():
@@ -52,15 +52,19 @@ def evaluate(config: EvaluateConfig) -> Any:
     if config.chains:
         from roboverse_learn.commands.chains import chains_report, evaluate_chains
 
-        return chains_report(*evaluate_chains(config), write_leaderboard_of(results_dir, ()))
+        scores, path = evaluate_chains(config)
+        return report_with_leaderboard(results_dir, (), lambda board: chains_report(scores, path, board))
     if config.suite:
         from roboverse_learn.commands.suite_report import suite_evaluation_report
 
         suite = _of_suite(config)
-        board = write_leaderboard_of(results_dir, suite.evaluations.values())
-        return suite_evaluation_report(suite, board)
+        return report_with_leaderboard(
+            results_dir, suite.evaluations.values(), lambda board: suite_evaluation_report(suite, board)
+        )
     evaluations = evaluate_all(config)
-    return evaluation_report(evaluations, write_leaderboard_of(results_dir, evaluations))
+    return report_with_leaderboard(
+        results_dir, evaluations, lambda board: evaluation_report(evaluations, board)
+    )
 
 
 def evaluate_all(config: EvaluateConfig) -> list[Evaluation]:

@@ -6,13 +6,16 @@ from pathlib import Path
 if __name__ == "__main__":  # as a script: this folder's `data` or `run` must not hide other packages
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from envs.core.errors import RoboVerseError
 from roboverse_learn.config.other_commands import LeaderboardConfig
 
 if TYPE_CHECKING:
+    from rich.console import Group
+
     from roboverse_learn.commands.outcomes import Evaluation
 
 
@@ -46,6 +49,25 @@ def write_leaderboard_of(results_dir: Path, evaluations: "Iterable[Evaluation]")
     paths = [each.path.relative_to(results_dir).as_posix() for each in evaluations if each.path]
     plots = possible_plots(results_dir, written["json"], paths)
     return {kind: path for kind, path in written.items() if path.parent.name != PLOTS or path in plots}
+
+
+def report_with_leaderboard(
+    results_dir: Path, evaluations: "Iterable[Evaluation]", report: "Callable[[Mapping[str, Path]], Group]"
+) -> "Group":
+    """Writes the leaderboard of a folder; returns the report of it, also where it cannot be written.
+
+    Args:
+        results_dir: Folder of results.
+        evaluations: As :func:`write_leaderboard_of`.
+        report: Makes the report of the files of the leaderboard.
+    """
+    from roboverse_learn.commands.report import UnfinishedReport
+
+    try:
+        board = write_leaderboard_of(results_dir, evaluations)
+    except RoboVerseError as error:  # an evaluation is shown, whatever other files hold
+        return UnfinishedReport(report({}), str(error))
+    return report(board)
 
 
 def _prune_videos(results_dir: Path) -> int:

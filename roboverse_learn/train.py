@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import policies
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, RoboVerseError
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.schema import TrainRunConfig
 
@@ -101,18 +101,18 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
             facts.update(steps=trained.steps, stopped_by=trained.stopped_by)
             if trained.loss is not None:  # a run that was complete before has no new one
                 facts.update(loss=trained.loss)
-        evaluations, board, gif = ([], {}, None) if misfit else _evaluate(config, run, trained.checkpoint)
+        evaluations = [] if misfit else _evaluate(config, run, trained.checkpoint)
+        shown = _show(config, run, evaluations) if evaluations else {"board": {}}
         stages = dict(run.stages)
     return TrainedRun(
         folder=run.folder,
         dataset=given.words if given else collected,
         trained=trained,
         evaluations=tuple(evaluations),
-        board=board,
-        gif=gif,
         note=misfit,
         stages=stages,
         seconds=time.monotonic() - started,
+        **shown,
     )
 
 
@@ -191,17 +191,13 @@ def _read(given: "GivenDataset", run: "RunFolder") -> None:
         facts.update(folder=str(given.info.root), level=given.level, only=given.only)
 
 
-def _evaluate(
-    config: TrainRunConfig, run: "RunFolder", checkpoint: Path
-) -> tuple[list[Evaluation], dict[str, Path], Path | None]:
-    """Evaluates a checkpoint in its tasks; returns the evaluations, the leaderboard's files and a GIF."""
-    from benchmark.gifs import one_per_level, write_gif
+def _evaluate(config: TrainRunConfig, run: "RunFolder", checkpoint: Path) -> list[Evaluation]:
+    """Evaluates a checkpoint in its tasks."""
     from policies.checkpoint import check_learned
     from roboverse_learn.commands.tasks_at_once import evaluate_in_parallel
     from roboverse_learn.commands.tested_checkpoint import checkpoint_of_run
     from roboverse_learn.config.schema import EvaluateConfig
     from roboverse_learn.evaluate import evaluate_checkpoint
-    from roboverse_learn.leaderboard import write_leaderboard_of
 
     results = Path(config.results_dir)
     with run.stage("evaluate") as facts:
@@ -223,10 +219,21 @@ def _evaluate(
             for task in config.tasks
         ]
         facts.update(results=[str(each.path) for each in evaluations])
-    with run.stage("leaderboard"):
-        board = write_leaderboard_of(results, evaluations)
-        gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
-    return evaluations, board, gif
+    return evaluations
+
+
+def _show(config: TrainRunConfig, run: "RunFolder", evaluations: list[Evaluation]) -> dict[str, Any]:
+    """Makes the GIF and the leaderboard; returns the fields of :class:`TrainedRun` that are of them."""
+    from benchmark.gifs import one_per_level, write_gif
+    from roboverse_learn.leaderboard import write_leaderboard_of
+
+    gif = None
+    try:
+        with run.stage("leaderboard"):
+            gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
+            return {"gif": gif, "board": write_leaderboard_of(Path(config.results_dir), evaluations)}
+    except RoboVerseError as error:  # the run is whole, whatever other files among the results hold
+        return {"gif": gif, "board": {}, "board_failure": str(error)}
 
 
 def _train(

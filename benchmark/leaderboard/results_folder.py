@@ -1,5 +1,6 @@
 """A folder of results: what a board makes of it, the results in it, and what other folders are."""
 
+import logging
 import os
 import re
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from benchmark.leaderboard.video_rule import KEEP_FILE
 from benchmark.records import Result
 from benchmark.results import read_result, result_path
 from benchmark.suites import FOLDER
-from envs.core.errors import ForeignFileError, ResultError
+from envs.core.errors import ForeignFileError, ResultError, UnregisteredError
 
 JSON_NAME, MARKDOWN_NAME, HTML_NAME = "leaderboard.json", "leaderboard.md", "leaderboard.html"
 STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
@@ -31,9 +32,11 @@ _SIGNS = {"meta/info.json": "dataset", "manifest.json": "run", "model.safetensor
 
 _SHOWN_ERRORS = 10
 
+log = logging.getLogger(__name__)
+
 
 def load_results(results_dir: Path) -> list[Entry]:
-    """Reads every result of a folder.
+    """Reads every result of a folder; one of a channel that is not registered here is left out.
 
     Args:
         results_dir: Folder of ``<protocol>/<task>/<policy>/<run>.json``.
@@ -53,6 +56,7 @@ def load_results(results_dir: Path) -> list[Entry]:
     check_results_folder(results_dir)
     entries: list[Entry] = []
     problems: list[ResultError] = []
+    left_out: list[ResultError] = []
     for path in _result_files(results_dir):
         try:
             result = read_result(path)
@@ -60,16 +64,24 @@ def load_results(results_dir: Path) -> list[Entry]:
             if path != expected:
                 raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
         except ResultError as error:
-            problems.append(error)
+            (left_out if isinstance(error, UnregisteredError) else problems).append(error)
             continue
         entries.append((path.relative_to(results_dir).as_posix(), result))
     if not entries and not problems and _names_in(results_dir) and not _has_ours(results_dir):
         raise _other_folder(results_dir)
     if problems:
-        more = len(problems) - _SHOWN_ERRORS
-        shown = "\n".join(map(str, problems[:_SHOWN_ERRORS])) + (f"\n… and {more} more." if more > 0 else "")
-        raise ResultError(f"No leaderboard was written, because of {len(problems)} results file(s):\n{shown}")
+        raise ResultError(
+            f"No leaderboard was written, because of {len(problems)} results file(s):\n{_shown(problems)}"
+        )
+    if left_out:
+        log.warning("The leaderboard is without %d results file(s):\n%s", len(left_out), _shown(left_out))
     return entries
+
+
+def _shown(errors: Sequence[ResultError]) -> str:
+    """Returns the first of several errors, one a line."""
+    more = len(errors) - _SHOWN_ERRORS
+    return "\n".join(map(str, errors[:_SHOWN_ERRORS])) + (f"\n… and {more} more." if more > 0 else "")
 
 
 def check_results_folder(results_dir: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from benchmark.protocol import Cell
 from benchmark.records import Result
 from benchmark.suites import FOLDER, SuiteResult, read_suite, suite_path, summarize_suite
-from envs.core.errors import ResultError
+from envs.core.errors import ResultError, UnregisteredError
 
 MOST_SECTIONS = 12
 """Tasks of a suite that also have a section each; those of a larger suite are in its rows alone."""
@@ -25,7 +25,10 @@ def read_suites(results_dir: Path) -> list[SuiteResult]:
     for path in sorted((results_dir / FOLDER).rglob("*.json")):
         if path.name.startswith("."):
             continue
-        suite = read_suite(path)
+        try:
+            suite = read_suite(path)
+        except UnregisteredError:  # its results are left out too, with a warning
+            continue
         expected = suite_path(results_dir, suite)
         if path != expected:
             raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")

@@ -64,6 +64,10 @@ class ResultError(RoboVerseError, ValueError):
     """A results file that does not follow the schema."""
 
 
+class UnregisteredError(ResultError):
+    """A whole results file of a channel or level that is not registered here, such as one of a plugin."""
+
+
 class ForeignFileError(ResultError):
     """A file among the results that something else wrote: it is not to be removed."""
 

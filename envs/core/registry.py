@@ -6,10 +6,11 @@ import importlib.util
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from envs.core.errors import ConfigError, MissingExtraError, RoboVerseError, unknown_name
+from envs.core.errors import ConfigError, MissingExtraError, RoboVerseError, suggest, unknown_name
 from envs.core.extras import install_command
 
 PLUGINS_VARIABLE = "ROBOVERSE_PLUGINS"
@@ -17,6 +18,9 @@ PLUGINS_VARIABLE = "ROBOVERSE_PLUGINS"
 
 ``plugins=[...]`` of a command sets it, so that the processes that the command starts load them too.
 """
+
+OF_YOUR_OWN = "One of your own is known with plugins=[<package>], or once its package is installed."
+"""What to do about an unknown name of what other packages register, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,8 @@ class Entry[T]:
         summary: One line for listings.
         info: Further facts for listings, by name; plain data, so that reading them imports nothing.
         distribution: The installed package that registered it through an entry point; empty for the others.
+        module: The module that registered it by a call; empty for those of entry points.
+        rivals: What else registers the name with another target. Such a name is listed, and not to be used.
     """
 
     name: str
@@ -40,6 +46,17 @@ class Entry[T]:
     summary: str = ""
     info: Mapping[str, str] = field(default_factory=dict)
     distribution: str = ""
+    module: str = ""
+    rivals: "tuple[Entry[T], ...]" = ()
+
+    @property
+    def owner(self) -> str:
+        """Who registered it, for a message: ``the package 'lift-block' (lift_block.task:LiftBlock)``."""
+        if not self.distribution and self.module.partition(".")[0] in _OURS:
+            return "RoboVerse Learn itself"
+        who = f"package '{self.distribution}'" if self.distribution else f"module '{self.module}'"
+        reference = _reference(self.target)
+        return f"the {who}" + (f" ({reference})" if isinstance(reference, str) else "")
 
 
 class Registry[T]:
@@ -71,16 +88,24 @@ class Registry[T]:
         """Registers ``target`` under ``name``; a name can be taken only once.
 
         The same target again changes nothing: a module that registers itself may have entry points, too.
+        Another target for the name of an installed package is an error of :meth:`get`, so that other names
+        can still be used.
+
+        Raises:
+            ValueError: The name is taken, by no entry point of a package.
         """
-        if name in self._entries:
-            if _reference(self._entries[name].target) == _reference(target):
-                return
-            raise ValueError(f"The {self.kind} '{name}' is registered already.")
         tags = frozenset(tags) or self._default_tags
-        entry = Entry(name, target, tags, extra, summary, dict(info or {}), distribution)
-        self._entries[name] = entry
-        if not distribution:
-            _ADDED_BY[name] = _caller()
+        module = "" if distribution else _caller()
+        entry = Entry(name, target, tags, extra, summary, dict(info or {}), distribution, module)
+        known = self._entries.get(name)
+        if known is None:
+            self._entries[name] = entry
+            if module:
+                _ADDED_BY[name] = module
+        elif not any(_reference(each.target) == _reference(target) for each in (known, *known.rivals)):
+            if not (known.distribution or distribution):
+                raise ValueError(f"The {self.kind} '{name}' is registered already.")
+            self._entries[name] = replace(known, rivals=(*known.rivals, entry))
 
     def decorate(self, name: str, **kwargs) -> Callable[[T], T]:
         """Registers the decorated object; see :meth:`add`."""
@@ -100,7 +125,7 @@ class Registry[T]:
         if name not in self._entries:
             self._load_others()
         if name not in self._entries:
-            raise unknown_name(self.kind, name, self._entries)
+            raise unknown_name(self.kind, name, self._entries, OF_YOUR_OWN if self.group else "")
         return self._entries[name]
 
     def get(self, name: str) -> T:
@@ -109,25 +134,45 @@ class Registry[T]:
         Raises:
             UnknownNameError: if nothing is registered under that name.
             MissingExtraError: if a package of the entry's extra is not installed.
-            ConfigError: if another package registered it and it cannot be imported from there.
+            ConfigError: if another package registered it and it cannot be imported from there, or two
+                packages registered it.
         """
         entry = self.entry(name)
-        if not isinstance(entry.target, str):
-            return entry.target
-        module, _, attribute = entry.target.partition(":")
+        if any(_package(rival) != _package(entry) for rival in entry.rivals):
+            raise self._conflict(entry)
+        target = self._import(entry) if isinstance(entry.target, str) else entry.target
+        entry = self.entry(name)
+        if entry.rivals:  # of its own package, which the import may have registered
+            raise self._conflict(entry)
+        return target
+
+    def conflicts(self) -> list[str]:
+        """Returns a sentence on every name that is registered with several targets."""
+        return [str(self._conflict(self.entry(name))) for name in self if self.entry(name).rivals]
+
+    def _conflict(self, entry: Entry[T]) -> ConfigError:
+        owners = ", and by ".join(each.owner for each in (entry, *entry.rivals))
+        return ConfigError(
+            f"The {self.kind} '{entry.name}' is registered by {owners}. Give one of them another name, "
+            f"in the entry points of its package in the group '{self.group}', or uninstall its package."
+        )
+
+    def _import(self, entry: Entry[T]) -> T:
+        """Imports the target of a lazy entry; see :meth:`get`."""
+        module, _, attribute = str(entry.target).partition(":")
         try:
             return getattr(importlib.import_module(module), attribute)
         except (ImportError, AttributeError) as error:
             if entry.distribution:
                 raise ConfigError(
-                    f"The {self.kind} '{name}' of the package '{entry.distribution}' cannot be imported from "
-                    f"'{entry.target}': {error}. Mend its entry point in the group '{self.group}', or "
-                    "uninstall the package."
+                    f"The {self.kind} '{entry.name}' of the package '{entry.distribution}' cannot be "
+                    f"imported from '{entry.target}': {_said(error)} Mend its entry point in the group "
+                    f"'{self.group}', or uninstall the package."
                 ) from error
             if entry.extra is None or not isinstance(error, ModuleNotFoundError):
                 raise
             raise MissingExtraError(
-                f"The {self.kind} '{name}' needs the package '{error.name}', which is not installed. "
+                f"The {self.kind} '{entry.name}' needs the package '{error.name}', which is not installed. "
                 f"Install it with: {install_command(entry.extra)}"
             ) from error
         except RoboVerseError:  # it says by itself what is wrong
@@ -136,8 +181,9 @@ class Registry[T]:
             if not entry.distribution:
                 raise
             raise ConfigError(
-                f"The {self.kind} '{name}' of the package '{entry.distribution}' cannot be imported: "
-                f"{type(error).__name__}: {error}. Mend {module}; python -c 'import {module}' shows where."
+                f"The {self.kind} '{entry.name}' of the package '{entry.distribution}' cannot be imported: "
+                f"{type(error).__name__}: {_said(error)} Mend {module}; python -c 'import {module}' shows "
+                "where."
             ) from error
 
     def names(self, tag: str | None = None) -> list[str]:
@@ -160,7 +206,7 @@ class Registry[T]:
         """Adds what other packages register, once; they are not imported, but for the named plugins.
 
         Raises:
-            ConfigError: Two packages register one name, or a plugin cannot be imported.
+            ConfigError: A plugin cannot be imported.
         """
         if self._complete or not self.group:
             return
@@ -175,14 +221,7 @@ class Registry[T]:
     def _add_entry_points(self) -> None:
         for point in importlib.metadata.entry_points(group=self.group):
             owner = point.dist.name if point.dist else "unknown"
-            known = self._entries.get(point.name)
-            if known is None:
-                self.add(point.name, point.value, summary=f"from {owner}", distribution=owner)
-            elif _reference(known.target) != point.value:
-                raise ConfigError(
-                    f"The package '{owner}' registers the {self.kind} '{point.name}', and so does another "
-                    f"one. Give it another name in its entry points, in the group '{self.group}'."
-                )
+            self.add(point.name, point.value, summary=f"from {owner}", distribution=owner)
 
 
 def _reference(target: object) -> object:
@@ -192,15 +231,31 @@ def _reference(target: object) -> object:
     return f"{target.__module__}:{target.__qualname__}"  # type: ignore[attr-defined]
 
 
+def _package(entry: Entry[Any]) -> str:
+    """Returns the name by which what registered an entry is imported."""
+    return (str(entry.target) if entry.distribution else entry.module).partition(".")[0].partition(":")[0]
+
+
+def _said(error: BaseException) -> str:
+    """Returns what an error says as a sentence, with the attribute that may be meant."""
+    text = str(error)
+    text = text if text.endswith((".", "?", "!")) else f"{text}."
+    if not isinstance(error, AttributeError) or not error.name:
+        return text
+    return text + suggest(error.name, (name for name in dir(error.obj) if not name.startswith("_")))
+
+
 def registered_by_hand() -> list[str]:
     """Returns the names that this process alone knows: neither ours, nor of an entry point or a plugin.
 
     A script, or a module that it imports, has registered them.
     """
     plugins = {name.partition(".")[0] for name in os.environ.get(PLUGINS_VARIABLE, "").split(",")}
-    everywhere = plugins | {"envs", "policies", "benchmark", "roboverse_learn"}
+    everywhere = plugins | _OURS
     return sorted(name for name, by in _ADDED_BY.items() if by.partition(".")[0] not in everywhere)
 
+
+_OURS = {"envs", "policies", "benchmark", "roboverse_learn"}
 
 _ADDED_BY: dict[str, str] = {}
 """Registered name to the module that added it; names of entry points are not in it."""
@@ -234,14 +289,14 @@ def load_plugins() -> None:
             module = importlib.import_module(name)
         except ImportError as error:
             raise ConfigError(
-                f"The plugin '{name}' cannot be imported: {error}. Install it, run the command in its "
+                f"The plugin '{name}' cannot be imported: {_said(error)} Install it, run the command in its "
                 "folder, or put its folder on PYTHONPATH."
             ) from error
         except RoboVerseError:  # it says by itself what is wrong
             raise
         except (Exception, SystemExit) as error:
             raise ConfigError(
-                f"The plugin '{name}' cannot be imported: {type(error).__name__}: {error}. Mend it; "
+                f"The plugin '{name}' cannot be imported: {type(error).__name__}: {_said(error)} Mend it; "
                 f"python -c 'import {name}' shows where."
             ) from error
         if module.__spec__ is not None and module.__spec__.origin is None:

@@ -38,7 +38,8 @@ class TrainedRun:
             learned from an environment.
         trained: What training did, its checkpoint among it.
         evaluations: One per task; none where the policy cannot act in the task.
-        board: Files of the leaderboard.
+        board: Files of the leaderboard; none where it could not be written.
+        board_failure: Why it could not, or empty.
         gif: Moving image of the policy, or None.
         note: Why nothing was evaluated, or empty.
         stages: Facts of each stage, by name.
@@ -50,6 +51,7 @@ class TrainedRun:
     trained: "TrainResult"
     evaluations: tuple[Evaluation, ...]
     board: Mapping[str, Path]
+    board_failure: str = ""
     gif: Path | None = None
     note: str = ""
     stages: Mapping[str, Any]

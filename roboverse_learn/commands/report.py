@@ -24,6 +24,18 @@ _SHOWN_VIDEOS = 8
 _SHOWN_SKIPPED = 20
 
 
+class UnfinishedReport(Group):
+    """A report of work that is done, and an error that came after it.
+
+    Attributes:
+        failure: The error, which the command ends with.
+    """
+
+    def __init__(self, report: Group, failure: str) -> None:
+        super().__init__(report)
+        self.failure = failure
+
+
 def train_report(run: "TrainedRun") -> Group:
     """The whole loop: what each stage did, the table of success, and where everything is."""
     trained, dataset, stages = run.trained, run.dataset, run.stages
@@ -31,7 +43,7 @@ def train_report(run: "TrainedRun") -> Group:
     times = ", ".join(
         f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
     )
-    return Group(
+    report = Group(
         *([] if dataset is None else [Text(dataset) if isinstance(dataset, str) else _collected(dataset)]),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         *_tables(run.evaluations),
@@ -43,6 +55,7 @@ def train_report(run: "TrainedRun") -> Group:
         Text(f"Done in {clock(run.seconds)}: {times}."),
         paths_text({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
     )
+    return UnfinishedReport(report, run.board_failure) if run.board_failure else report
 
 
 def collection_report(dataset: "CollectionSummary") -> Group:

@@ -11,8 +11,6 @@ from roboverse_learn.config.scenario_overrides import SECTION, scenario_keys
 
 _WORD = re.compile(r"(?P<key>[A-Za-z_]\w*(?:\.\w+)*)=(?P<value>.*)", re.DOTALL)
 
-OF_YOUR_OWN = "One of your own is known with plugins=[<package>], or once its package is installed."
-
 FROM = "from_dataset"
 _TYPED = {"policy_name": "policy", FROM: "from"}
 """Fields that are typed by another word; ``from`` is a word of Python, in which the field's name is given."""

@@ -27,6 +27,7 @@ from typing import Any
 import policies
 from envs.core.errors import ConfigError, unknown_name
 from envs.core.json_values import flat, to_json_values
+from envs.core.registry import OF_YOUR_OWN
 from envs.scenario.changes import merged
 from envs.spec import EnvSpec
 from envs.tasks.protocols import PROTOCOLS
@@ -35,7 +36,6 @@ from policies.base import listed
 from policies.checkpoint import learned_tasks
 from roboverse_learn.config.command_line_keys import (
     MAPS,
-    OF_YOUR_OWN,
     at,
     flat_keys,
     full_key,

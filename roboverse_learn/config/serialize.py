@@ -14,11 +14,12 @@ from typing import Any
 import policies
 from envs.core.errors import ConfigError, unknown_name, wrong_value
 from envs.core.json_values import to_json_values
+from envs.core.registry import OF_YOUR_OWN
 from envs.randomization.levels import unknown_level
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
 from policies.base import listed
-from roboverse_learn.config.command_line_keys import OF_YOUR_OWN, flat_keys, unknown_key
+from roboverse_learn.config.command_line_keys import flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import COMMANDS, EVALUATE_ENV_KEYS, NAMES_A_POLICY
 
@@ -146,7 +147,7 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
     }[kind]
     for name in names:
         if name not in valid:
-            raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind == "task" else "")
+            raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind in ("task", "robot") else "")
 
 
 def _checked_options(spec: EnvSpec) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Registration: names, lazy targets, and what other packages add through entry points and plugins."""
 
 import importlib
+import json
 import re
 import subprocess
 import sys
@@ -40,12 +41,41 @@ def test_entry_points_of_other_packages_are_registered_and_imported_on_use(tmp_p
     assert registry.entry("Theirs").distribution == "theirs"
 
 
-def test_a_name_registered_by_two_packages_is_refused(tmp_path, monkeypatch):
-    install(tmp_path, monkeypatch, "theirs", {"Ours": "their_things:THING"})
+def test_a_name_of_two_packages_is_refused_where_it_is_used_and_nowhere_else(tmp_path, monkeypatch):
+    one, other = {"Both": "one_things:THING"}, {"Both": "other_things:THING", "Free": "json:loads"}
+    install(tmp_path / "one", monkeypatch, "one", one)
+    install(tmp_path / "other", monkeypatch, "other", other)
     registry = Registry("thing", GROUP)
     registry.add("Ours", 1)
-    with pytest.raises(ConfigError, match=r"The package 'theirs' registers the thing 'Ours'.*another name"):
-        registry.names()
+    assert registry.names() == ["Both", "Free", "Ours"] and "Both" in registry
+    assert registry.get("Ours") == 1 and registry.get("Free") is json.loads
+    assert registry.entry("Both").summary in ("from one", "from other")
+    both = r"'Both' is registered by the package '(\w+)' \(\1_things:THING\), and by the package '(?!\1)"
+    for _ in range(2):
+        with pytest.raises(ConfigError, match=both + r".*another name.*'roboverse.test_things'"):
+            registry.get("Both")
+    assert [re.search(both, said) is not None for said in registry.conflicts()] == [True]
+
+
+@pytest.mark.parametrize(
+    ("module", "who"), [("policies", "RoboVerse Learn itself"), ("my_script", "the module 'my_script'")]
+)
+def test_a_package_that_takes_a_name_from_us_or_a_module_is_named_with_it(tmp_path, monkeypatch, module, who):
+    install(tmp_path, monkeypatch, "theirs", {"Ours": "their_things:THING"})
+    registry = Registry("thing", GROUP)
+    exec("add('Ours', 1)", {"__name__": module, "add": registry.add})
+    assert registry.names() == ["Ours"]
+    with pytest.raises(ConfigError, match=rf"'Ours' is registered by {who}, and by the package 'theirs'"):
+        registry.get("Ours")
+
+
+def test_a_plugin_may_take_the_name_of_an_installed_package_until_it_is_used(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, "theirs", {"Theirs": "json:loads"})
+    registry = Registry("thing", GROUP)
+    assert registry.get("Theirs") is json.loads
+    exec("add('Theirs', 'mine:THING')", {"__name__": "mine", "add": registry.add})
+    with pytest.raises(ConfigError, match=r"by the package 'theirs' .*and by the module 'mine' \(mine:THING"):
+        registry.get("Theirs")
 
 
 def test_an_entry_point_that_cannot_be_imported_names_its_package(tmp_path, monkeypatch):
@@ -63,6 +93,54 @@ def test_an_entry_point_that_fails_at_import_names_its_package_and_the_error(tmp
         ConfigError, match=r"'Theirs' of the package 'theirs'.*python -c 'import failing_things'"
     ):
         Registry("thing", GROUP).get("Theirs")
+
+
+@pytest.fixture
+def block(tmp_path, monkeypatch):
+    """A package that registers ``Block`` when it is imported, as ``roboverse new`` writes it."""
+    registry = Registry("thing", GROUP)
+    monkeypatch.setattr("builtins.registry", registry, raising=False)
+    folder = tmp_path / "block"
+    folder.mkdir()
+    folder.joinpath("__init__.py").write_text(
+        "import builtins\nbuiltins.registry.add('Block', 'block.thing:Block')\n"
+    )
+    folder.joinpath("thing.py").write_text("class Block: ...\nclass Other: ...\n")
+    yield registry
+    for name in ("block", "block.thing"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("target", "cause"),
+    [
+        ("block.thng:Block", "from 'block.thng:Block': No module named 'block.thng'. Mend its entry point"),
+        ("block.thing:BLock", "has no attribute 'BLock'. Did you mean 'Block'? Mend its entry point"),
+        (
+            "block.thing:Other",
+            "by the package 'block' (block.thing:Other), and by the module 'block' (block.",
+        ),
+    ],
+)
+def test_an_entry_point_that_differs_from_what_its_package_registers_says_what_is_wrong_with_it(
+    tmp_path, monkeypatch, block, target, cause
+):
+    install(tmp_path, monkeypatch, "block", {"Block": target, "Fine": "block.thing:Other"})
+    for _ in range(2):
+        with pytest.raises(ConfigError, match=re.escape(cause)) as caught:
+            block.get("Block")
+        assert ".." not in str(caught.value)
+    assert block.get("Fine").__name__ == "Other"
+
+
+def test_an_error_that_ends_with_a_full_stop_has_no_second_one(tmp_path, monkeypatch):
+    modules = {"stopping_things": "raise ValueError('Bad gain.')"}
+    install(tmp_path, monkeypatch, "theirs", {"Theirs": "stopping_things:THING"}, modules)
+    with pytest.raises(ConfigError, match=r"ValueError: Bad gain\. Mend stopping_things;"):
+        Registry("thing", GROUP).get("Theirs")
+    monkeypatch.setenv(PLUGINS_VARIABLE, "stopping_things")
+    with pytest.raises(ConfigError, match=r"ValueError: Bad gain\. Mend it;"):
+        Registry("thing", GROUP).names()
 
 
 def test_plugins_register_by_being_imported(tmp_path, monkeypatch):

@@ -38,6 +38,20 @@ def test_a_rule_is_evaluated_and_evaluated_once(tmp_path, capsys):
     assert "random" in (tmp_path / "leaderboard.md").read_text()
 
 
+def test_a_damaged_result_of_another_run_leaves_the_table_and_the_paths(tmp_path, capsys):
+    damaged = tmp_path / "v2" / "PickCube" / "act" / "cut.json"
+    damaged.parent.mkdir(parents=True)
+    damaged.write_text('{"schema_version": 3')
+    assert cli.main(["evaluate", "policy=random", *WORDS, f"results_dir={tmp_path}"]) == 2
+    said = capsys.readouterr()
+    (path,) = tmp_path.glob("v2/PickCube/random/*.json")
+    assert "PickCube, random, without training: success in 2 episodes" in said.out
+    assert path.name in said.out.replace("\n", "") and "leaderboard" not in said.out
+    assert (
+        said.err.splitlines()[-2].startswith("error: No leaderboard was written") and str(damaged) in said.err
+    )
+
+
 def test_a_rule_is_evaluated_in_each_of_several_tasks(tmp_path, capsys):
     words = ["task=[PickCube,PushCube]", *WORDS[1:], "policy=hold", f"results_dir={tmp_path}"]
     config = compose("evaluate", words)

@@ -1,14 +1,18 @@
 """``roboverse doctor``: every part is reported, also one that fails."""
 
+import importlib
 import json
+import re
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import psutil
 import pytest
 
 from envs.core.extras import install_command
+from envs.core.registry import Registry
 from roboverse_learn import cli, doctor, extras
 
 
@@ -56,6 +60,27 @@ def test_a_missing_extra_says_how_to_install_it(without_processes, monkeypatch):
     found = doctor.extras()
     assert found["import"] == f"without h5py; {install_command('import')}"
     assert found["metaworld"] == "installed"
+
+
+def test_plugins_are_listed_with_the_names_that_two_packages_register(monkeypatch):
+    registry = Registry("task")
+    registry.add("PickCube", 1)
+    registry.add("Lift", "one:Lift", distribution="one")
+    registry.add("Push", "one:Push", distribution="one")
+    monkeypatch.setattr("envs.tasks.TASKS", registry)
+    monkeypatch.setattr(doctor, "_REGISTRIES", ("envs.tasks:TASKS",))
+    assert doctor.plugins() == {"one": ["task Lift", "task Push"]}
+    registry.add("Lift", "other:Lift", distribution="other")
+    said = doctor.plugins()
+    assert said["other"] == ["task Lift"]
+    assert "the package 'one' (one:Lift), and by the package 'other' (other:Lift)" in said["registered twice"]
+
+
+def test_doctor_looks_at_every_registry_that_packages_add_to():
+    places = (place.partition(":") for place in doctor._REGISTRIES)
+    groups = {getattr(importlib.import_module(module), name).group for module, _, name in places}
+    page = Path(__file__).parents[3].joinpath("docs/plugins.md").read_text(encoding="utf-8")
+    assert groups == set(re.findall(r"^\| `(roboverse\.\w+)`", page, flags=re.MULTILINE))
 
 
 def test_a_part_that_fails_leaves_the_others(without_processes, monkeypatch, capsys):

@@ -358,6 +358,14 @@ def test_a_broken_checkpoint_is_named_before_anything_starts(
     assert said in str(error.value) and str(folder) in str(error.value)
 
 
+@pytest.mark.parametrize("name", [CONFIG, "config.yaml"])
+def test_a_policy_of_another_package_says_how_it_is_made_known(run: Path, name: str) -> None:
+    path = run / name if name != CONFIG else run / "checkpoints/last/pretrained_model" / name
+    path.write_text(re.sub(r"\bact\b", "my_cnn", path.read_text(), count=1))
+    with pytest.raises((PolicyError, UnknownNameError), match=r"policy 'my_cnn'.* plugins=\[<package>\]"):
+        to_test(run)
+
+
 def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="nowhere' does not exist"):
         to_test(tmp_path / "nowhere")

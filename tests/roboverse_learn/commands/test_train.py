@@ -11,6 +11,7 @@ from benchmark.protocol import Protocol
 from benchmark.records import Checkpoint, EpisodeRecord, Machine, Result
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
+from roboverse_learn import cli
 from roboverse_learn import train as command
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.dataset_layout import dataset_layout
@@ -22,6 +23,7 @@ from roboverse_learn.commands.report import (
     success_table,
     train_report,
 )
+from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data.collection.collect import CollectionSummary
@@ -229,6 +231,34 @@ def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
     policy, page = [line.split() for line in said.splitlines() if line.strip()][-2:]
     assert policy == ["See", "the", "policy", "runs/x/policy.gif"]
     assert page == ["Open", "in", "a", "browser", "results/leaderboard.html"]
+
+
+def test_a_run_whose_leaderboard_cannot_be_written_has_all_the_rest(
+    evaluation: Evaluation,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("results/v2").mkdir(parents=True)
+    Path("results/v2/cut.json").write_text('{"schema_version": 3')
+    with RunFolder.open(compose("train", ["policy=act", "device=cpu"]), ["roboverse", "train"]) as opened:
+        shown = command._show(opened.config, opened, [dataclasses.replace(evaluation, videos=())])
+        assert opened.stages["leaderboard"]["status"] == "stopped"
+    trained = TrainResult(
+        checkpoint=Path("runs/x/last"), steps=1234, loss=0.5, elapsed_s=60.0, samples_per_s=10.0,
+        stopped_by="steps", precision="fp32", plot=None,
+    )  # fmt: skip
+    run = TrainedRun(
+        folder=Path("runs/x"), dataset=SUMMARY, trained=trained, evaluations=(evaluation,), stages={},
+        seconds=60.0, **shown,
+    )  # fmt: skip
+    monkeypatch.setattr(command, "train_run", lambda config: run)
+    assert cli.main(["train", "policy=act"]) == 2
+    said = capsys.readouterr()
+    for words in ("PickCube, act, trained on", str(run.folder), "runs/x/last", str(evaluation.path)):
+        assert words in said.out
+    assert "error: No leaderboard was written" in said.err and "v2/cut.json" in said.err
 
 
 def test_the_report_of_a_collection() -> None:
