@@ -22,8 +22,8 @@ def headline(
     """Returns the rankings, the one with most cells first.
 
     A board has the entries that learned from the same source, demonstrations or reward, and were tested
-    where they were trained, in tasks of one suite: those of the paper's table, or those whose names begin alike
-    up to the last slash, such as ``libero/goal``. Only the tasks' own scenes count.
+    where they were trained, in tasks of one suite: those of the paper's table, or those whose names are the
+    same up to the last slash, such as ``libero/goal``. Only the tasks' own scenes count.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build.build`.
