@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from envs.core.errors import UnknownNameError, UnregisteredError
+from envs.core.errors import ConfigError, UnknownNameError, UnregisteredError
 from envs.randomization.channels import CHANNELS
 from envs.randomization.levels import NAMED_LEVELS, channels_of
 
@@ -21,7 +21,8 @@ def check_registered(path: Path, document: Mapping[str, Any]) -> None:
         document: What it holds: its ``protocol``, and the ``command`` that wrote it, if it has one.
 
     Raises:
-        UnregisteredError: One is not; the message names it, and the plugins that the command had.
+        UnregisteredError: One is not, and the message names it and the plugins that the command had; or it
+            cannot be imported.
     """
     for only in document["protocol"].get("only", ()):
         try:
@@ -33,6 +34,8 @@ def check_registered(path: Path, document: Mapping[str, Any]) -> None:
                 f"Results file '{path}' names the channel or level '{'+'.join(unknown)}', which is not "
                 f"registered here. Add {_plugins_of(document)}, or install the package that has it."
             ) from error
+        except ConfigError as error:  # a level of a package that cannot be imported, or of two packages
+            raise UnregisteredError(f"Results file '{path}': {error}") from error
 
 
 def _plugins_of(document: Mapping[str, Any]) -> str:

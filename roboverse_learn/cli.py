@@ -36,7 +36,8 @@ _MENDABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS)
 _OUT_OF_MEMORY = ("can't allocate memory", "out of memory")
 """Of PyTorch's messages on a CPU and on a GPU."""
 
-_SAVE_NOTHING = ("check", "doctor", "list", "view")
+_START_AGAIN = ("check", "conservation", "convert", "doctor", "list", "new", "speed", "view")
+"""Commands that keep nothing of what an interruption cuts off."""
 
 _CONTINUES = " What is saved stays: the same command continues from there."
 
@@ -66,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RoboVerseError as error:
         return _fail(str(error))
     except KeyboardInterrupt as interrupt:
-        saved = "" if {*words[:1]} <= {*_SAVE_NOTHING} else _CONTINUES
+        saved = "" if words[:1] and words[0] in _START_AGAIN else _CONTINUES
         print(f"\nInterrupted.{saved}", file=sys.stderr)
         return interrupt.exit_code if isinstance(interrupt, Interrupted) else 130
     except (MemoryError, RuntimeError) as error:

@@ -17,7 +17,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 import policies
-from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.errors import ConfigError, ResultError
 from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
 from roboverse_learn.config.schema import TrainRunConfig
 
@@ -232,7 +232,7 @@ def _show(config: TrainRunConfig, run: "RunFolder", evaluations: list[Evaluation
         with run.stage("leaderboard"):
             gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
             return {"gif": gif, "board": write_leaderboard_of(Path(config.results_dir), evaluations)}
-    except RoboVerseError as error:  # the run is whole, whatever other files among the results hold
+    except ResultError as error:  # the run is whole, whatever other files among the results hold
         return {"gif": gif, "board": {}, "board_failure": str(error)}
 
 

@@ -1,5 +1,6 @@
 """Suites on the board: one row an evaluation, with the mean over its tasks, and each task below it."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from benchmark.protocol import Cell
 from benchmark.records import Result
 from benchmark.suites import FOLDER, SuiteResult, read_suite, suite_path, summarize_suite
 from envs.core.errors import ResultError, UnregisteredError
+
+log = logging.getLogger(__name__)
 
 MOST_SECTIONS = 12
 """Tasks of a suite that also have a section each; those of a larger suite are in its rows alone."""
@@ -27,7 +30,8 @@ def read_suites(results_dir: Path) -> list[SuiteResult]:
             continue
         try:
             suite = read_suite(path)
-        except UnregisteredError:  # its results are left out too, with a warning
+        except UnregisteredError as error:
+            log.warning("The leaderboard is without a row of a suite: %s", error)
             continue
         expected = suite_path(results_dir, suite)
         if path != expected:

@@ -153,8 +153,8 @@ class Registry[T]:
     def _conflict(self, entry: Entry[T]) -> ConfigError:
         owners = ", and by ".join(each.owner for each in (entry, *entry.rivals))
         return ConfigError(
-            f"The {self.kind} '{entry.name}' is registered by {owners}. Give one of them another name, "
-            f"in the entry points of its package in the group '{self.group}', or uninstall its package."
+            f"The {self.kind} '{entry.name}' is registered by {owners}. Give one of them another name (of a "
+            f"package it is in its entry points, in the group '{self.group}'), or uninstall a package."
         )
 
     def _import(self, entry: Entry[T]) -> T:

@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.text import Text
 
 from roboverse_learn.commands.checkpoint_names import checkpoint_name
-from roboverse_learn.commands.report import board_paths, paths_text
+from roboverse_learn.commands.report import board_paths, listed_paths
 from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoints_to_test
 from roboverse_learn.commands.tested_policy import load_policy, view_of
 from roboverse_learn.config.schema import EvaluateConfig
@@ -54,7 +54,7 @@ def evaluate_chains(config: EvaluateConfig) -> "tuple[ChainScores, Path]":
 
 def chains_report(scores: "ChainScores", path: Path, board: Mapping[str, Path]) -> Group:
     """The lines that CALVIN's evaluation prints, and where results are."""
-    return Group(Text(scores.text()), paths_text({"chains": path} | board_paths(board)))
+    return Group(Text(scores.text()), listed_paths({"chains": path} | board_paths(board)))
 
 
 def _tested(config: EvaluateConfig, task: str) -> TestedCheckpoint:

@@ -48,12 +48,12 @@ def train_report(run: "TrainedRun") -> Group:
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         *_tables(run.evaluations),
         *([Text(run.note)] if run.note else []),
-        paths_text(
+        listed_paths(
             {"run": run.folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
             | _evaluation_paths(run.evaluations, run.board)
         ),
         Text(f"Done in {clock(run.seconds)}: {times}."),
-        paths_text({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
+        listed_paths({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
     )
     return UnfinishedReport(report, run.board_failure) if run.board_failure else report
 
@@ -65,19 +65,19 @@ def collection_report(dataset: "CollectionSummary") -> Group:
         Text(
             f"{dataset.num_frames:,} frames, {clock(dataset.wall_time_s)}, hash {dataset.dataset_hash[:16]}."
         ),
-        paths_text({"dataset": dataset.root}),
+        listed_paths({"dataset": dataset.root}),
     )
 
 
 def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
     """The table of success of every task, and where the results are."""
-    return Group(*_tables(evaluations), paths_text(_evaluation_paths(evaluations, board)))
+    return Group(*_tables(evaluations), listed_paths(_evaluation_paths(evaluations, board)))
 
 
 def leaderboard_report(board: Mapping[str, Path], removed_videos: int | None = None) -> Group:
     """Paths of the leaderboard, and how many videos were removed, if any were to be."""
     removed = [] if removed_videos is None else [Text(f"Removed {removed_videos} videos.")]
-    return Group(*removed, paths_text(board_paths(board)))
+    return Group(*removed, listed_paths(board_paths(board)))
 
 
 def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Path]) -> Group:
@@ -99,7 +99,7 @@ def replay_report(summary: Mapping[str, Any], path: Path, page: Mapping[str, Pat
         )
     plots = [each for name, each in page.items() if name.startswith("plot")]
     return Group(
-        Text("\n".join(lines)), paths_text({"summary": path, "table": page["table"], "plots": plots})
+        Text("\n".join(lines)), listed_paths({"summary": path, "table": page["table"], "plots": plots})
     )
 
 
@@ -110,7 +110,7 @@ def conservation_report(cells: Sequence[Sequence[str]], written: Mapping[str, Pa
     for row in rows:
         table.add_row(*row)
     plots = [path for name, path in written.items() if name.startswith("plot")]
-    return Group(table, paths_text({"table": written["table"], "plots": plots}))
+    return Group(table, listed_paths({"table": written["table"], "plots": plots}))
 
 
 def success_table(evaluation: "Evaluation") -> Table:
@@ -248,7 +248,7 @@ def board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
 
 
-def paths_text(paths: Mapping[str, Any]) -> Text:
+def listed_paths(paths: Mapping[str, Any]) -> Group:
     """Names and paths, a path in a line; a long one is not broken, so that it can be copied."""
     lines: list[tuple[str, str]] = []
     for name, value in paths.items():
@@ -259,4 +259,4 @@ def paths_text(paths: Mapping[str, Any]) -> Text:
             shown = [*shown[:_SHOWN_VIDEOS], f"… and {more} more beside them"]
         lines += [(name if index == 0 else "", path) for index, path in enumerate(shown)]
     width = max((len(name) for name, _ in lines), default=0)
-    return Text("\n".join(f"{name:{width}}  {path}" for name, path in lines), no_wrap=True, overflow="ignore")
+    return Group(*(Text(f"{name:{width}}  {path}", no_wrap=True, overflow="ignore") for name, path in lines))

@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from roboverse_learn.commands.report import board_paths, in_scene, paths_text, rate_text, wording_table
+from roboverse_learn.commands.report import board_paths, in_scene, listed_paths, rate_text, wording_table
 from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
 
 
@@ -30,7 +30,7 @@ def suite_collection_report(suite: SuiteCollection) -> SuiteReport:
         share = f"{100 * each.success_rate:.0f} %"
         table.add_row(task, str(each.num_episodes), f"{each.num_frames:,}", share)
     folders = {task: each.root for task, each in suite.collected.items()}
-    return _with_failures(suite.failed, table, paths_text(folders))
+    return _with_failures(suite.failed, table, listed_paths(folders))
 
 
 def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -> SuiteReport:
@@ -51,10 +51,10 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
     worded = wording_table([*suite.evaluations.values()])
     tables = [table] if worded is None else [table, worded]
     written = {"suite": suite.path} | board_paths(board)
-    return _with_failures(suite.failed, *tables, paths_text(written))
+    return _with_failures(suite.failed, *tables, listed_paths(written))
 
 
-def _with_failures(failed: Mapping[str, str], *parts: Table | Text) -> SuiteReport:
+def _with_failures(failed: Mapping[str, str], *parts: Table | Group) -> SuiteReport:
     lines = [f"Left out {len(failed)}:", *(f"  {task}: {why}" for task, why in failed.items())]
     report = SuiteReport(*parts, *([Text("\n".join(lines))] if failed else []))
     report.ok = not failed

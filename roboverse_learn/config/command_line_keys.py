@@ -144,7 +144,8 @@ def typed_key(key: str) -> str:
 def _of_other_policies(key: str) -> str:
     """Returns which policies have a key that the chosen one has not."""
     section, _, last = key.rpartition(".")
-    own = [name for name in policies.names() if not policies.POLICIES.entry(name).distribution]
+    entries = [policies.POLICIES.entry(name) for name in policies.names()]
+    own = [entry.name for entry in entries if not entry.distribution and not entry.rivals]
     fields = {name: policies.config_class(name).__dataclass_fields__ for name in own}
     having = [name for name in fields if last in fields[name]] if section in ("", "policy") else []
     return f" It is a key of policy={' and policy='.join(having)}." if having else ""

@@ -9,6 +9,7 @@ from benchmark.leaderboard.results_folder import check_results_folder
 from benchmark.protocol import Protocol
 from benchmark.results import read_result
 from benchmark.suites import SuiteResult, write_suite
+from benchmark.unregistered import check_registered
 from envs.core.errors import ResultError, UnregisteredError
 from envs.core.registry import Registry
 
@@ -39,11 +40,12 @@ def of_plugin(publish, tmp_path, monkeypatch):
     return path
 
 
-def test_results_of_a_plugin_are_left_out_of_the_board_with_one_warning(of_plugin, tmp_path, caplog):
+def test_results_of_a_plugin_are_left_out_of_the_board_with_a_warning(of_plugin, tmp_path, caplog):
     written = write(tmp_path)
     (section,) = json.loads(written["json"].read_text())["sections"]
     assert [row["policy"] for row in section["rows"]] == ["act"]
-    (record,) = caplog.records
+    record, of_suite = caplog.records
+    assert "without a row of a suite" in of_suite.getMessage() and "'tint'" in of_suite.getMessage()
     assert record.levelname == "WARNING" and "without 1 results file" in record.getMessage()
     said = f"'{of_plugin}' names the channel or level 'tint', which is not registered here. Add plugins=[my_t"
     assert said in record.getMessage()
@@ -81,3 +83,19 @@ def test_a_file_in_which_the_name_of_a_channel_was_changed_is_damaged(publish, t
     path.write_text(path.read_text().replace('"camera"', '"camxra"'))
     with pytest.raises(ResultError, match=r"No leaderboard was written.*\n.*Unknown channel 'camxra'"):
         write(tmp_path)
+
+
+def test_a_level_that_cannot_be_imported_is_named_with_the_file_and_leaves_the_others(
+    of_plugin, tmp_path, monkeypatch, caplog
+):
+    levels = Registry("level")
+    levels.add("tinted", "module_that_is_absent:TINTED", distribution="theirs")
+    for module in ("envs.randomization.levels", "benchmark.unregistered"):
+        monkeypatch.setattr(f"{module}.NAMED_LEVELS", levels)
+    document = json.loads(of_plugin.read_text())
+    with pytest.raises(
+        UnregisteredError, match=rf"'{of_plugin}': The level 'tinted' of the package 'theirs'"
+    ):
+        check_registered(of_plugin, {"protocol": {"only": ["tinted"]}, "command": document["command"]})
+    assert [row["policy"] for row in build(tmp_path)["sections"][0]["rows"]] == ["act"]
+    assert str(of_plugin) in caplog.text

@@ -3,11 +3,9 @@
 from types import SimpleNamespace
 from typing import Any
 
-from rich.console import Group
-
 from benchmark.records import EpisodeRecord
 from roboverse_learn import cli
-from roboverse_learn.commands.report import collection_report, paths_text, wording_table
+from roboverse_learn.commands.report import collection_report, listed_paths, wording_table
 from roboverse_learn.commands.suite import SuiteCollection
 from roboverse_learn.commands.suite_report import suite_collection_report
 from roboverse_learn.data.collection.collect import CollectionSummary
@@ -80,13 +78,15 @@ def test_a_long_path_is_one_line_that_can_be_copied(capsys):
         suite_collection_report(
             SuiteCollection(suite="grasp/few", collected={"grasp/few/milk": COLLECTED}, failed={})
         ),
-        Group(paths_text({"result": [FOLDER, "runs/a"], "page": None})),
+        listed_paths({"result": [FOLDER, "runs/a"], "page": None}),
     ):
         cli._show(report)
         lines = capsys.readouterr().out.splitlines()
         assert [line.split()[-1] for line in lines if "long_" in line] == [FOLDER]
 
 
-def test_names_of_paths_are_a_column_and_several_stand_below_one_another():
-    text = paths_text({"result": ["a.json", "b.json"], "page": "p.html", "videos": [], "table": None})
-    assert text.plain.splitlines() == ["result  a.json", "        b.json", "page    p.html"]
+def test_names_of_paths_are_a_column_and_several_stand_below_one_another(capsys):
+    cli._show(listed_paths({"result": ["a.json", "b.json"], "page": "p.html", "videos": [], "table": None}))
+    assert capsys.readouterr().out == "result  a.json\n        b.json\npage    p.html\n"
+    cli._show(listed_paths({"page": None}))
+    assert capsys.readouterr().out == ""

@@ -1,5 +1,9 @@
 """Names, words and sets of grasping by language."""
 
+from collections import Counter
+
+import pytest
+
 from envs.mjcf.recolour import COLOUR_HUES_DEG
 from envs.tasks import TASKS
 from envs.tasks.grasp_language.catalogue import SETS, entries, groceries, in_scene
@@ -21,14 +25,22 @@ def test_few_are_among_many_and_unseen_are_in_neither():
     assert set(in_scene("unseen")) - named["unseen"] <= named["many"], "what lies beside them is known"
 
 
-def test_colours_name_every_colour_and_noun_of_the_recoloured_unseen_but_never_both_together():
+@pytest.mark.parametrize("name", ["colours_1", "colours_2", "colours_3"])
+def test_in_a_scene_of_colours_neither_noun_nor_colour_alone_says_what_is_meant(name):
+    items = [groceries()[each] for each in in_scene(name)]
+    assert len(items) == 10
+    assert min(Counter(item.asset for item in items).values()) >= 2
+    assert min(Counter(item.colour for item in items).values()) >= 2, "with no colour too: those of LIBERO"
+
+
+def test_colours_name_the_colour_and_the_noun_of_each_recoloured_unseen_but_never_both_together():
     shown = {name for each in SETS if each != "unseen" for name in in_scene(each)}
+    others = [groceries()[each] for each in shown if groceries()[each].colour]
     for name in ("green_butter", "green_ketchup", "red_orange_juice", "yellow_milk"):
         assert name in in_scene("unseen") and name not in shown
         colour, noun = name.split("_", 1)
-        others = [groceries()[each] for each in shown if groceries()[each].colour]
         assert sum(item.colour == colour for item in others) >= 4
-        assert sum(item.asset == noun for item in others) >= 3
+        assert sum(item.asset == noun for item in others) >= 2 and noun in shown
         assert not any((item.colour, item.asset) == (colour, noun) for item in others)
 
 
