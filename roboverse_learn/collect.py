@@ -122,18 +122,10 @@ def collect_dataset(config: CollectConfig) -> "CollectionSummary":
             summary = collect_episodes(collection, report)
         except TooFewSuccessesError as error:
             raise TooFewSuccessesError(f"{error} {source.advice()}") from error
-    words = [source.outcome(summary.num_episodes, summary.num_attempts), _unlike_asked(config, summary)]
-    return dataclasses.replace(summary, outcome="; ".join(filter(None, words)), imported=source.finish(root))
-
-
-def _unlike_asked(config: CollectConfig, summary: "CollectionSummary") -> str:
-    """Returns why there are more or fewer demonstrations than ``num_demos``, or nothing."""
-    asked = config.collect.num_demos
-    if summary.num_episodes > asked:
-        return f"the dataset had them before, and num_demos={asked} takes none away"
-    if summary.num_attempts < asked:
-        return f"num_demos={asked} is the most, and source={config.source} has no more"
-    return ""
+    words = source.outcome(summary.num_episodes, summary.num_attempts)
+    if summary.num_episodes > config.collect.num_demos:
+        words += f"; the dataset had them before, and num_demos={config.collect.num_demos} takes none away"
+    return dataclasses.replace(summary, outcome=words, imported=source.finish(root))
 
 
 def _check_recordable(config: CollectConfig) -> None:
