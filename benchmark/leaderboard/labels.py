@@ -91,6 +91,11 @@ def breakable(task: str) -> str:
     return "\u200b".join(words_of_task(task))
 
 
+def within(task: str, suite: str) -> str:
+    """Returns a task's name without that of the suite it begins with, if it does."""
+    return task.removeprefix(f"{suite}/")
+
+
 def percent(rate: float) -> str:
     """Returns a rate in percent, without the sign."""
     return f"{100 * rate:.0f}"
@@ -166,6 +171,7 @@ FILTERS = {
     "percent": percent,
     "points": points,
     "trained_on": trained_on,
+    "within": within,
     "words_of_test": words_of_test,
     "breakable": breakable,
     "words_of_task": words_of_task,

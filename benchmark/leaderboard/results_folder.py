@@ -63,10 +63,12 @@ def load_results(results_dir: Path) -> list[Entry]:
             expected = result_path(results_dir, result)
             if path != expected:
                 raise ResultError(f"Results file '{path}' is in the wrong place; it belongs at '{expected}'.")
+        except UnregisteredError as error:
+            left_out.append(error)
         except ResultError as error:
-            (left_out if isinstance(error, UnregisteredError) else problems).append(error)
-            continue
-        entries.append((path.relative_to(results_dir).as_posix(), result))
+            problems.append(error)
+        else:
+            entries.append((path.relative_to(results_dir).as_posix(), result))
     if not entries and not problems and _names_in(results_dir) and not _has_ours(results_dir):
         raise _other_folder(results_dir)
     if problems:

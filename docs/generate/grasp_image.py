@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from docs.generate.level_images import first_image
 from envs.core.arguments import NoSettings, run_program
 from envs.spec import EnvSpec
 from envs.tasks.grasp_language.catalogue import PREFIX, in_scene
@@ -24,9 +25,8 @@ def scenes() -> np.ndarray:
     images = []
     for name in SETS:
         spec = EnvSpec(task=f"{PREFIX}{name}/{in_scene(name)[0]}", cameras=("front",), image_size=PIXELS)
-        env = spec.make(1, split="train", observation="state")
-        env.reset_envs([0], env.split_indices[START : START + 1])
-        images.append(env.image(0))
+        env = spec.make(1, split="train")
+        images.append(first_image(env, int(env.split_indices[START])))
         env.close()
     return np.hstack(images)
 

@@ -73,13 +73,14 @@ def _drawn(
     for caption, varied in variations.items():
         env = envs.make_vec(task, 1, **shared, **varied)
         try:
-            rows[caption] = [_first_image(env, int(episode)) for episode in env.split_indices[:num_draws]]
+            rows[caption] = [first_image(env, int(episode)) for episode in env.split_indices[:num_draws]]
         finally:
             env.close()
     return contact_sheet(rows)
 
 
-def _first_image(env, episode: int) -> np.ndarray:
+def first_image(env, episode: int) -> np.ndarray:
+    """Returns what all cameras of one environment see as an episode starts, side by side, (H, W, 3)."""
     only = np.array([0])
     env.reset_envs(only, np.array([episode]))
     images = [v for key, v in env.observe(only).items() if key.startswith("observation.images.")]

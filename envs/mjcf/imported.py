@@ -234,8 +234,7 @@ class _Assets:
         return path if self._colour is None else _recoloured_file(path, self._colour)
 
     def _image_file(self, path: Path) -> tuple[str, np.ndarray]:
-        key = content_digest(path) + json.dumps([_VERSION, MAX_IMAGE_SIZE]).encode()
-        file = cache_dir("images") / f"{hashlib.sha256(key).hexdigest()[:32]}.png"
+        file = _cached_image(path, MAX_IMAGE_SIZE)
         if not file.is_file():
             image = read_image(path)
             image.thumbnail((MAX_IMAGE_SIZE, MAX_IMAGE_SIZE))
@@ -261,9 +260,14 @@ def _mesh_files(path: Path, texture: Path | None, budget: int, size: int) -> tup
     return f"../meshes/{file.name}", f"../images/{image.name}" if image.is_file() else None
 
 
+def _cached_image(path: Path, change: object) -> Path:
+    """Returns the file of the cache for an image after a change."""
+    key = content_digest(path) + json.dumps([_VERSION, change]).encode()
+    return cache_dir("images") / f"{hashlib.sha256(key).hexdigest()[:32]}.png"
+
+
 def _recoloured_file(path: Path, colour: str) -> Path:
-    key = content_digest(path) + json.dumps([_VERSION, colour]).encode()
-    file = cache_dir("images") / f"{hashlib.sha256(key).hexdigest()[:32]}.png"
+    file = _cached_image(path, colour)
     if not file.is_file():
         _save(recoloured(read_image(path), colour), file)
     return file

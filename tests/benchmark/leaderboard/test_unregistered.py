@@ -70,8 +70,6 @@ def test_a_folder_with_results_of_plugins_alone_is_an_empty_board(of_plugin, tmp
     ],
 )
 def test_the_plugins_are_those_of_the_command_that_wrote_the_file(tmp_path, command, word):
-    from benchmark.unregistered import check_registered
-
     document = {"protocol": {"only": ["camera", "tint"]}, "command": command}
     with pytest.raises(UnregisteredError) as caught:
         check_registered(tmp_path, document)

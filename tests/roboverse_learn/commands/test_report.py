@@ -1,5 +1,6 @@
 """What the commands print of an evaluation: success with known words and with held-out ones."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,7 +9,7 @@ from roboverse_learn import cli
 from roboverse_learn.commands.report import collection_report, listed_paths, wording_table
 from roboverse_learn.commands.suite import SuiteCollection
 from roboverse_learn.commands.suite_report import suite_collection_report
-from roboverse_learn.data.collection.collect import CollectionSummary
+from tests.roboverse_learn.commands.test_train import SUMMARY
 
 NUM = 10
 
@@ -61,15 +62,7 @@ def test_a_task_without_the_known_wordings_has_no_row_and_no_part_of_all():
 
 
 FOLDER = f"datasets/grasp/few/{'long_' * 40}name"
-COLLECTED = CollectionSummary(
-    root=FOLDER,
-    num_episodes=2,
-    num_frames=100,
-    num_attempts=2,
-    success_rate=1.0,
-    wall_time_s=1.0,
-    dataset_hash="0" * 64,
-)
+COLLECTED = replace(SUMMARY, root=FOLDER)
 
 
 def test_a_long_path_is_one_line_that_can_be_copied(capsys):
