@@ -154,6 +154,7 @@ class _Trainer:
         """Trains to the end."""
         if self.is_main:
             checkpoint.remove_leftovers(self.run_dir)
+        self.accelerator.wait_for_everyone()  # the others look for what the first has put right
         directory = checkpoint.last_checkpoint(self.run_dir) if resume else None
         if directory is not None:
             self._load(directory)

@@ -62,6 +62,22 @@ timed = replace(CONFIG, steps=100_000, time_limit_s=1.5, save_every=100_000)
 policy = run(Path(sys.argv[1]), config=timed)
 save_file(policy.model.state_dict(), Path(sys.argv[1], f"weights_{os.environ['RANK']}.safetensors"))
 """
+REPAIRING_RANK = """
+import time
+from pathlib import Path
+from roboverse_learn.training import checkpoint
+from tests.roboverse_learn.training.test_distributed import run
+repair, look = checkpoint.remove_leftovers, checkpoint.last_checkpoint
+def repair_late(folder):
+    time.sleep(1.0)
+    repair(folder)
+def look_and_tell(folder):
+    found = look(folder)
+    print("found", found.name, flush=True)
+    return found
+checkpoint.remove_leftovers, checkpoint.last_checkpoint = repair_late, look_and_tell
+run(Path(sys.argv[1]))
+"""
 
 
 def ranks(folder: Path, signal_at: int | None = None, program: str = RANK) -> list[BaseProcess]:
@@ -143,6 +159,17 @@ def test_a_signal_to_one_process_ends_both_with_a_checkpoint(tmp_path):
     assert codes == [1, 1], said
     assert last_checkpoint(tmp_path / "run").name == "000003"
     assert said.count("Interrupted: SIGTERM") == 2, said
+
+
+@pytest.mark.slow
+def test_both_processes_look_for_the_checkpoint_after_the_first_has_put_it_right(tmp_path):
+    run(tmp_path / "run")
+    checkpoints = tmp_path / "run" / "checkpoints"
+    (checkpoints / "last").unlink()
+    (checkpoints / "000004").rename(checkpoints / "last")  # as in a copy that has it alone
+    both = ranks(tmp_path / "run", program=REPAIRING_RANK)
+    assert imported_process.wait_for_all(both, 120) == [0, 0], said_by_ranks(tmp_path)
+    assert said_by_ranks(tmp_path).count("found 000004") == 2, said_by_ranks(tmp_path)
 
 
 def test_a_batch_that_cannot_be_divided_is_an_error(monkeypatch, tmp_path):
