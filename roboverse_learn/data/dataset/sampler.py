@@ -1,5 +1,6 @@
 """Random order of training frames that can be resumed at any batch."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -204,15 +205,33 @@ def shares_of_a_batch(
     Raises:
         ConfigError: A group has less than one, or the batch does not divide over the processes.
     """
-    weights = np.array(frames) ** float(mixing)
-    shares = batch_size * weights / weights.sum()
+    shares = _shares(frames, batch_size, mixing)
     if batch_size % world_size or shares.min() < 1.0:
         raise ConfigError(
             f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
             f"least one frame of each of {len(frames)} tasks, of which one has a share of "
-            f"{shares.min():.2g}. Give a larger batch{', or train.mixing nearer to 0' if mixing else ''}."
+            f"{shares.min():.2g}. Give {_what_fits(frames, batch_size, mixing, world_size)}."
         )
     return shares
+
+
+def _shares(frames: Sequence[int], batch_size: int, mixing: float) -> np.ndarray:
+    weights = np.array(frames) ** float(mixing)
+    return batch_size * weights / weights.sum()
+
+
+def _what_fits(frames: Sequence[int], batch_size: int, mixing: float, world_size: int) -> str:
+    """Returns words for the least larger batch that serves, and the largest mixing if a smaller one does."""
+    least = max(batch_size, math.ceil(1.0 / _shares(frames, 1, mixing).min()))
+    least = math.ceil(least / world_size) * world_size
+    while _shares(frames, least, mixing).min() < 1.0:  # the quotient was rounded down
+        least += world_size
+    words = f"train.batch_size={least} or more"
+    if batch_size % world_size or batch_size < len(frames):
+        return words  # of no mixing
+    hundredths = range(math.floor(100 * mixing), 0, -1)
+    fitting = (each / 100 for each in hundredths if _shares(frames, batch_size, each / 100).min() >= 1.0)
+    return f"{words}, or train.mixing of at most {next(fitting, 0.0):g}"
 
 
 def make_sampler(

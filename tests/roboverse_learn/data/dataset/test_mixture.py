@@ -1,5 +1,7 @@
 """Several datasets as one."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,12 @@ from envs.core.errors import ConfigError, DatasetError
 from policies.learned_tasks import LearnedTask
 from roboverse_learn.data import DatasetInfo, DatasetWriter, ResidentDataset
 from roboverse_learn.data.dataset.mixture import Mixture
-from roboverse_learn.data.dataset.sampler import EpisodeAwareSampler, MixtureSampler, make_sampler
+from roboverse_learn.data.dataset.sampler import (
+    EpisodeAwareSampler,
+    MixtureSampler,
+    make_sampler,
+    shares_of_a_batch,
+)
 from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
 from tests.roboverse_learn.data.two_tasks import TEXTS, write
 
@@ -157,10 +164,36 @@ def test_a_tasks_share_of_a_batch_follows_its_frames(mixture, mixing, of_left):
 
 def test_tasks_with_less_than_a_frame_of_a_batch_are_refused(mixture):
     with pytest.raises(
-        ConfigError, match=r"a share of 0\.75\. Give a larger batch, or train\.mixing nearer to 0"
+        ConfigError,
+        match=r"a share of 0\.75\. Give train\.batch_size=4 or more, or train\.mixing of at most 0\.63\.$",
     ):
         make_sampler(mixture, batch_size=3, seed=0, mixing=1.0)
-    make_sampler(mixture, batch_size=3, seed=0)
+    for fitting in ({"batch_size": 4, "mixing": 1.0}, {"batch_size": 3, "mixing": 0.63}, {"batch_size": 3}):
+        make_sampler(mixture, seed=0, **fitting)
+    with pytest.raises(ConfigError, match=r"a share of 0\.99"):
+        make_sampler(mixture, batch_size=3, seed=0, mixing=0.64)
+
+
+@pytest.mark.parametrize(
+    ("frames", "batch_size", "mixing", "world_size", "advice"),
+    [
+        ([1, 1, 1], 2, 0.5, 1, "train.batch_size=3 or more"),
+        ([1, 1, 1], 3, 0.0, 2, "train.batch_size=4 or more"),
+        ([30, 10], 6, 1.0, 4, "train.batch_size=8 or more"),
+        ([90, 10], 8, 1.0, 4, "train.batch_size=12 or more, or train.mixing of at most 0.88"),
+        ([1000, 1], 2, 1.0, 1, "train.batch_size=1001 or more, or train.mixing of at most 0"),
+    ],
+)
+def test_who_gives_what_is_said_is_not_refused_again(frames, batch_size, mixing, world_size, advice):
+    with pytest.raises(ConfigError, match=rf"Give {re.escape(advice)}\.$"):
+        shares_of_a_batch(frames, batch_size, mixing, world_size)
+    least = int(re.findall(r"batch_size=(\d+)", advice)[0])
+    assert shares_of_a_batch(frames, least, mixing, world_size).min() >= 1.0
+    if least - world_size > batch_size:
+        with pytest.raises(ConfigError):
+            shares_of_a_batch(frames, least - world_size, mixing, world_size)
+    for largest in re.findall(r"at most (.*)", advice):
+        assert shares_of_a_batch(frames, batch_size, float(largest), world_size).min() >= 1.0
 
 
 @pytest.mark.parametrize("mixing", [0.0, 0.5])
