@@ -5,6 +5,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any, override
@@ -12,6 +13,7 @@ from typing import Any, override
 import mujoco
 import numpy as np
 
+from envs.core.errors import SimulatorError
 from envs.core.machine import num_cores
 from envs.mjcf.meshes import VISUAL_GROUP
 from envs.mjcf.model import TEXTURE_SIZE
@@ -117,7 +119,7 @@ class _Tracer:
     """A stage and the device arrays that mirror it."""
 
     def __init__(self, renderer: WarpRenderer, cameras: tuple[str, ...], modalities: tuple[str, ...]) -> None:
-        self._wp, self._parts = start_warp(), tracer_parts()
+        self._wp, self._parts = _start_with_compiler(), tracer_parts()
         self._renderer, self._cameras, self._modalities = renderer, cameras, modalities
         self._stage = Stage(renderer.model, renderer.scenario)
         model = self._stage.model
@@ -315,6 +317,22 @@ class _Pixels:
                 own[:] = values
             self._all = True
         return int(self._ends[-1])
+
+
+def _start_with_compiler() -> Any:
+    """Initializes Warp and returns its module.
+
+    Raises:
+        SimulatorError: Warp's compiler for the CPU is not there, as where a copy left out large files.
+    """
+    wp = start_warp()
+    if not wp.is_cpu_available():
+        raise SimulatorError(
+            "renderer=warp needs Warp's compiler for the CPU, and there is no warp-clang in "
+            f"'{Path(wp.__file__).parent / 'bin'}'. Install the package warp-lang again (uv pip install "
+            "--reinstall warp-lang), or take renderer=gl, which needs libegl1 and libgl1, or libosmesa6."
+        )
+    return wp
 
 
 def _copy(source: mujoco.MjModel | mujoco.MjData, targets: Mapping[str, np.ndarray]) -> None:

@@ -270,6 +270,15 @@ def test_a_simulator_that_was_not_launched_is_an_error():
         handler.step(1)
 
 
+def test_without_warps_compiler_the_message_names_the_package_and_the_other_renderer(model, monkeypatch):
+    monkeypatch.setattr("warp.is_cpu_available", lambda: False)
+    renderer = WarpRenderer(model, SCENARIO, num_threads=1)
+    message = r"renderer=warp needs Warp's compiler .* no warp-clang in '.*warp/bin'.* warp-lang.*renderer=gl"
+    with pytest.raises(SimulatorError, match=message):
+        renderer.render([job(model)], ("front",), ("rgb",))
+    renderer.close()
+
+
 def test_without_opengl_the_message_names_packages_and_the_other_renderer(model, monkeypatch):
     def nothing(name):
         raise ImportError(f"no {name}")
