@@ -14,6 +14,8 @@ from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import OBS_IMAGES
 from torch import Tensor, nn
 
+from envs.core.errors import PolicyError
+
 
 class ChunkConfig(PreTrainedConfig):
     """A policy that sees the newest frame and predicts ``chunk_size`` actions.
@@ -90,5 +92,17 @@ class ChunkPolicy(PreTrainedPolicy):
         return self._queue.popleft()
 
     def inputs(self, batch: dict[str, Tensor]) -> dict[str, Any]:
-        """Returns a batch as the network takes it, with its images in a list."""
-        return {**batch, OBS_IMAGES: [batch[key] for key in self.config.image_features]}
+        """Returns a batch as the network takes it, with its images in a list.
+
+        Raises:
+            PolicyError: An image of a camera that the policy was trained with is missing.
+        """
+        seen = list(self.config.image_features)
+        if missing := [key for key in seen if key not in batch]:
+            given = ", ".join(key for key in batch if key.startswith(f"{OBS_IMAGES}.")) or "no image"
+            example = f'--rename_map=\'{{"{OBS_IMAGES}.<camera>": "{missing[0]}"}}\''
+            raise PolicyError(
+                f"The policy sees {', '.join(seen)}, and {', '.join(missing)} is missing: {given} is given. "
+                f"Give those images, or rename what is given ({example})."
+            )
+        return {**batch, OBS_IMAGES: [batch[key] for key in seen]}

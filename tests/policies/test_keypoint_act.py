@@ -64,6 +64,19 @@ def test_lerobot_acts_the_same_from_a_checkpoint(n_residual_blocks, tmp_path):
     np.testing.assert_array_equal(policies.load(tmp_path).act(seen), policy.act(seen))
 
 
+def test_lerobots_commands_are_refused_with_the_image_that_is_missing():
+    seen = batch()
+    seen["observation.images.side"] = seen.pop(IMAGE)
+    with pytest.raises(PolicyError) as refusal:
+        make().model.select_action(seen)
+    said = str(refusal.value)
+    assert f"{IMAGE} is missing: observation.images.side is given" in said
+    assert f'"{IMAGE}"' in said.split("--rename_map=")[1]
+    del seen["observation.images.side"]
+    with pytest.raises(PolicyError, match="no image is given"):
+        make().model.select_action(seen)
+
+
 def test_a_checkpoint_is_loaded_as_policy_act(tmp_path):
     from policies.checkpoint import policy_type
 
