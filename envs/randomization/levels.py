@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from envs.core.errors import ConfigError, suggest, unknown_name
-from envs.core.registry import Registry
+from envs.core.registry import OF_YOUR_OWN, Registry
 from envs.randomization.channels import CHANNELS
 
 LEVEL_CHANNELS = ("task", "environment", "camera", "lighting")
@@ -84,8 +84,8 @@ def _channels_in(part: str) -> Iterator[str]:
         yield part
         return
     if part not in NAMED_LEVELS:
-        raise unknown_name("channel", part, ("task", *CHANNELS, *NAMED_LEVELS))
+        raise unknown_name("channel", part, ("task", *CHANNELS, *NAMED_LEVELS), OF_YOUR_OWN)
     for name in NAMED_LEVELS.get(part):
         if name != "task" and name not in CHANNELS:
-            raise unknown_name(f"channel of the level '{part}'", name, ("task", *CHANNELS))
+            raise unknown_name(f"channel of the level '{part}'", name, ("task", *CHANNELS), OF_YOUR_OWN)
         yield name

@@ -99,7 +99,8 @@ def test_a_named_level_is_its_channels(table_yaw, named_level):
 
 def test_an_unknown_channel_in_a_named_level_is_an_error(named_level):
     named_level("turned", ("camera", "table_yew"))
-    with pytest.raises(UnknownNameError, match=r"channel of the level 'turned' 'table_yew'.*Valid: camera"):
+    said = r"channel of the level 'turned' 'table_yew'.*Valid: camera.*plugins=\[<package>\]"
+    with pytest.raises(UnknownNameError, match=said):
         channels_of(only="turned")
 
 

@@ -33,6 +33,11 @@ def test_a_bad_channel_suggests_the_nearest():
         channels_of(only="cameras")
 
 
+def test_an_unknown_channel_names_the_key_that_makes_one_of_another_package_known():
+    with pytest.raises(UnknownNameError, match=r"Unknown channel 'my_axis'\. Valid: .*plugins=\[<package>\]"):
+        channels_of(only="camera+my_axis")
+
+
 def test_a_level_and_a_channel_together_are_refused():
     with pytest.raises(ConfigError, match=r"Given level=2 and only='camera'.*give one of them"):
         channels_of(2, only="camera")
