@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import policies
 from envs.core.atomic import write_file
@@ -115,8 +116,8 @@ def _runs_of_recipes(
     return runs
 
 
-def sweep(the_sweep: Sweep) -> str:
-    """Does every run that is not complete; returns a printable report.
+def sweep(the_sweep: Sweep) -> Any:
+    """Does every run that is not complete; returns a printable report, also where the board is not written.
 
     Raises:
         SweepError: Runs failed; the others were done all the same.
@@ -146,17 +147,26 @@ def sweep(the_sweep: Sweep) -> str:
 
     codes = launcher.run(jobs, logs, on_end)
     trained = [codes[job.name] for job in jobs if job.words[0] == "train"]
+    report: Any = f"{len(the_sweep.runs)} runs are complete, {len(complete)} of them were before."
     # Runs that end together may each have missed the other's result; runs that failed have none.
     if Path(first.results_dir).is_dir() and (not trained or 0 in trained):
-        from roboverse_learn.leaderboard import write_leaderboard
-
-        write_leaderboard(Path(first.results_dir))
+        report = _with_leaderboard(Path(first.results_dir), report)
     bad = [job for job in jobs if codes[job.name] != 0]
     if bad:
         rows = [f"{job.name}: {_last_line(logs / f'{job.name}.log')}" for job in bad]
-        raise SweepError(f"{len(bad)} of {len(jobs)} processes failed. The same command tries them again.\n"
-                         + "\n".join(rows))  # fmt: skip
-    return f"{len(the_sweep.runs)} runs are complete, {len(complete)} of them were before."
+        said = f"{len(bad)} of {len(jobs)} processes failed. The same command tries them again."
+        raise SweepError("\n".join(filter(None, [said, *rows, getattr(report, "failure", "")])))
+    return report
+
+
+def _with_leaderboard(results_dir: Path, report: str) -> Any:
+    """Writes the leaderboard; returns the report, with why the leaderboard was not written if it was not."""
+    from rich.console import Group
+    from rich.text import Text
+
+    from roboverse_learn.leaderboard import report_with_leaderboard
+
+    return report_with_leaderboard(results_dir, (), lambda _: Group(Text(report)))
 
 
 def make_jobs(the_sweep: Sweep) -> tuple[list[Job], list[Path]]:

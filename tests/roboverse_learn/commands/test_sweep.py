@@ -244,3 +244,26 @@ def test_the_leaderboard_stays_as_it_is_where_every_run_failed(seeds, written, f
     with pytest.raises(SweepError, match="processes failed"):
         sweep(plan(words))
     assert (page.read_text() != "as it was") is written
+
+
+@pytest.fixture
+def damaged_result(tmp_path):
+    """A results file that was cut off."""
+    path = tmp_path / "results" / "v2" / "PickCube" / "act" / "cut.json"
+    path.parent.mkdir(parents=True)
+    path.write_text('{"schema_version": 3')
+    return path
+
+
+def test_a_damaged_result_of_another_run_leaves_the_report(fake_program, damaged_result, tmp_path, capsys):
+    words = ["seed=0", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
+    assert cli.main(["sweep", *words]) == 2
+    said = capsys.readouterr()
+    assert said.out == "1 runs are complete, 0 of them were before.\n"
+    assert "error: No leaderboard was written" in said.err and str(damaged_result) in said.err
+
+
+def test_a_damaged_result_of_another_run_leaves_what_failed(fake_program, damaged_result, tmp_path):
+    words = ["seed=0,1", f"runs_dir={tmp_path}/runs", f"results_dir={tmp_path}/results"]
+    with pytest.raises(SweepError, match=r"1 of 3 processes failed(.|\n)*no luck(.|\n)*No leaderboard was"):
+        sweep(plan(words))
