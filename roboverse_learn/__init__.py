@@ -1,5 +1,6 @@
 """Commands, configuration, data and training: everything that a user starts."""
 
+import logging
 import multiprocessing
 import signal
 import sys
@@ -13,6 +14,8 @@ if (
 ):
     # Ctrl-C ends a command whose libraries are still being imported, without a traceback of one of them.
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # until cli.main
+
+logging.getLogger("envs.gym_registration").addHandler(logging.NullHandler())  # commands say it themselves
 
 from envs.core.machine import let_waiting_threads_sleep  # noqa: E402
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from envs.core.atomic import file_for_folder, folder_for_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
-from envs.core.registry import PLUGINS_VARIABLE, load_plugins
+from envs.core.registry import PLUGINS_VARIABLE, leave_out_broken_plugins, load_plugins
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.child_process import end_with_parent
 from roboverse_learn.commands.sigterm import sigterm_interrupts
@@ -40,6 +40,9 @@ _START_AGAIN = ("check", "conservation", "convert", "doctor", "list", "new", "sp
 """Commands that keep nothing of what an interruption cuts off."""
 
 _CONTINUES = " What is saved stays: the same command continues from there."
+
+_SAYS_WHAT_IS = ("doctor", "list", "--version")
+"""Words that are answered without plugins that cannot be imported, as each command's help is."""
 
 _OF_WORDS = ("assets", "dataset")
 """Commands whose function takes the words themselves."""
@@ -158,6 +161,7 @@ def _check_text(words: Sequence[str]) -> None:
 
 def _dispatch(words: list[str]) -> int:
     _check_text(words)
+    _check_named_plugins(words)
     if len(words) > 1 and words[0] in HELP:  # as in `roboverse help train`
         words = [*words[1:], HELP[0]]
     if not words or words[0] in HELP:
@@ -190,6 +194,21 @@ def _dispatch(words: list[str]) -> int:
     config = _read(command, rest)
     _start_logging()
     return _run(command, config) or 0
+
+
+def _check_named_plugins(words: list[str]) -> None:
+    """Imports the plugins of the environment variable; what says what there is goes on without a broken one.
+
+    Raises:
+        ConfigError: Another command is given, and one of them cannot be imported.
+    """
+    broken = leave_out_broken_plugins().values()
+    if words and words[0] not in _SAYS_WHAT_IS and not any(word in HELP for word in words):
+        if broken:
+            raise ConfigError("\n".join(broken))
+    elif words[:1] != ["doctor"]:  # it lists them
+        for each in broken:
+            print(f"warning: {each}", file=sys.stderr)
 
 
 def _without_plugins(words: list[str]) -> list[str]:

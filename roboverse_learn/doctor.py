@@ -28,6 +28,7 @@ from typing import Any
 from envs.core.errors import RoboVerseError
 from envs.core.extras import DISTRIBUTION, install_command
 from envs.core.machine import num_cores
+from envs.core.registry import leave_out_broken_plugins
 from roboverse_learn.config.schema import DoctorConfig
 from roboverse_learn.extras import missing_packages
 
@@ -127,7 +128,8 @@ def extras() -> Facts:
 
 
 def plugins() -> Facts:
-    """What other installed packages register, and every name that is registered twice."""
+    """What other installed packages register, plugins that fail, and every name that is registered twice."""
+    broken = leave_out_broken_plugins()
     found: Facts = {}
     twice: list[str] = []
     for place in _REGISTRIES:
@@ -137,7 +139,8 @@ def plugins() -> Facts:
             for each in filter(lambda owner: owner.distribution, (entry, *entry.rivals)):
                 found.setdefault(each.distribution, []).append(f"{registry.kind} {each.name}")
         twice += registry.conflicts()
-    return (found or {"packages": "none"}) | ({"registered twice": " ".join(twice)} if twice else {})
+    problems = {"cannot be imported": " ".join(broken.values()), "registered twice": " ".join(twice)}
+    return (found or {"packages": "none"}) | {what: said for what, said in problems.items() if said}
 
 
 _REGISTRIES = (

@@ -1,9 +1,11 @@
 """One registry for everything that has a name: tasks, robots, simulators, renderers, policies, sources."""
 
+import glob
 import importlib
 import importlib.metadata
 import importlib.util
 import os
+import pkgutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -191,6 +193,10 @@ class Registry[T]:
         self._load_others()
         return sorted(n for n, e in self._entries.items() if tag is None or tag in e.tags)
 
+    def names_so_far(self) -> list[str]:
+        """Returns the names that are registered without reading anything else, sorted."""
+        return sorted(self._entries)
+
     def __contains__(self, name: str) -> bool:
         if name not in self._entries:
             self._load_others()
@@ -212,8 +218,10 @@ class Registry[T]:
             return
         self._complete = True  # a plugin may read this registry while it is imported
         try:
-            load_plugins()
-            self._add_entry_points()
+            try:
+                load_plugins()
+            finally:
+                self._add_entry_points()
         except BaseException:  # whoever reads it next sees the same error, not a registry with gaps
             self._complete = False
             raise
@@ -278,32 +286,74 @@ def load_plugins() -> None:
     Raises:
         ConfigError: One of them cannot be imported.
     """
-    for name in filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(",")):
-        if not all(part.isidentifier() for part in name.split(".")):
-            raise ConfigError(
-                f"The plugin '{name}' is no name of a module. Write it as it is imported, without its folder "
-                f"and without .py: plugins=[{Path(name).stem or 'my_module'}]"
-            )
-        _find(name.partition(".")[0])
+    for name in _named_plugins():
+        _load_plugin(name)
+
+
+def leave_out_broken_plugins() -> dict[str, str]:
+    """Takes plugins that cannot be imported out of :data:`PLUGINS_VARIABLE`, so that the rest can be used.
+
+    Returns:
+        Why each cannot be imported, by its name, with those that this process left out before.
+    """
+    for name in _named_plugins():
         try:
-            module = importlib.import_module(name)
-        except ImportError as error:
-            raise ConfigError(
-                f"The plugin '{name}' cannot be imported: {_said(error)} Install it, run the command in its "
-                "folder, or put its folder on PYTHONPATH."
-            ) from error
-        except RoboVerseError:  # it says by itself what is wrong
-            raise
-        except (Exception, SystemExit) as error:
-            raise ConfigError(
-                f"The plugin '{name}' cannot be imported: {type(error).__name__}: {_said(error)} Mend it; "
-                f"python -c 'import {name}' shows where."
-            ) from error
-        if module.__spec__ is not None and module.__spec__.origin is None:
-            raise ConfigError(
-                f"The plugin '{name}' is a folder without __init__.py, which registers nothing. Name the "
-                "module inside it, or run the command where that module is."
-            )
+            _load_plugin(name)
+        except RoboVerseError as error:
+            _LEFT_OUT[name] = f"{error} The environment variable {PLUGINS_VARIABLE} names it."
+    if _LEFT_OUT:
+        os.environ[PLUGINS_VARIABLE] = ",".join(name for name in _named_plugins() if name not in _LEFT_OUT)
+    return dict(_LEFT_OUT)
+
+
+_LEFT_OUT: dict[str, str] = {}
+"""Plugin to why it cannot be imported, of those that were left out."""
+
+
+def _named_plugins() -> list[str]:
+    return list(filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(",")))
+
+
+def _load_plugin(name: str) -> None:
+    """Imports one plugin; see :func:`load_plugins`."""
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise ConfigError(
+            f"The plugin '{name}' is no name of a module. Write it as it is imported, without its folder "
+            f"and without .py: plugins=[{Path(name).stem or 'my_module'}]"
+        )
+    package = name.partition(".")[0]
+    _find(package)
+    try:
+        module = importlib.import_module(name)
+    except ImportError as error:
+        nearest = suggest(package, _importable()) if error.name in (name, package) else ""
+        raise ConfigError(
+            f"The plugin '{name}' cannot be imported: {_said(error)}{nearest} Install it, run the command in "
+            "its folder, or put its folder on PYTHONPATH."
+        ) from error
+    except RoboVerseError:  # it says by itself what is wrong
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigError(
+            f"The plugin '{name}' cannot be imported: {type(error).__name__}: {_said(error)} Mend it; "
+            f"python -c 'import {name}' shows where."
+        ) from error
+    if module.__spec__ is not None and module.__spec__.origin is None:
+        raise ConfigError(
+            f"The plugin '{name}' is a folder without __init__.py, which registers nothing. Name the "
+            "module inside it, or run the command where that module is."
+        )
+
+
+def _importable() -> set[str]:
+    """Returns the modules that a plugin's name may mean: of the current folder, and installed ones."""
+    modules = {each.name for each in pkgutil.iter_modules([*sys.path, str(Path.cwd())])}
+    projects = {
+        folder
+        for folder in glob.glob("*")
+        if os.path.isfile(f"{folder}/{folder}.py") or os.path.isfile(f"{folder}/{folder}/__init__.py")
+    }
+    return (modules | projects) - set(sys.stdlib_module_names) - _OURS
 
 
 def _find(package: str) -> None:

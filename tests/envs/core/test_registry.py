@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +12,13 @@ import pytest
 
 from envs.core.errors import ConfigError, MissingExtraError, UnknownNameError
 from envs.core.extras import install_command
-from envs.core.registry import PLUGINS_VARIABLE, Registry, registered_by_hand
+from envs.core.registry import (
+    PLUGINS_VARIABLE,
+    Registry,
+    leave_out_broken_plugins,
+    load_plugins,
+    registered_by_hand,
+)
 
 GROUP = "roboverse.test_things"
 
@@ -189,6 +196,59 @@ def test_after_a_plugin_that_failed_the_next_reader_sees_the_same_error_and_then
             registry.names()
     monkeypatch.setenv(PLUGINS_VARIABLE, "")
     assert registry.names() == ["Their"]
+
+
+def test_names_of_installed_packages_are_there_beside_a_plugin_that_failed(tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, "theirs", {"Their": "json:loads"})
+    monkeypatch.setenv(PLUGINS_VARIABLE, "plugin_of_nobody")
+    registry = Registry("thing", GROUP)
+    registry.add("Ours", 1)
+    with pytest.raises(ConfigError, match="'plugin_of_nobody' cannot be imported"):
+        registry.names()
+    assert registry.names_so_far() == ["Ours", "Their"]
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("lift_blok", "lift_block.py"),
+        ("lift_blok.task", "lift_block/__init__.py"),
+        ("lift_blok", "lift_block/lift_block.py"),
+        ("lift_blok", "lift_block/lift_block/__init__.py"),
+        ("lift_block.py", "lift_block.py"),
+    ],
+)
+def test_a_plugin_whose_name_is_misspelt_suggests_the_nearest(tmp_path, monkeypatch, name, file):
+    path = tmp_path / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setenv(PLUGINS_VARIABLE, name)
+    with pytest.raises(ConfigError, match=r"No module named .*\. Did you mean 'lift_block'\? Install it"):
+        load_plugins()
+    sys.modules.pop("lift_block", None)
+
+
+def test_a_package_that_a_plugin_lacks_suggests_no_other_plugin(tmp_path, monkeypatch):
+    tmp_path.joinpath("push_things.py").write_text("import push_thing\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "push_things")
+    with pytest.raises(ConfigError, match=r"No module named 'push_thing'\. Install it"):
+        load_plugins()
+
+
+def test_plugins_that_fail_are_left_out_and_the_others_are_imported(tmp_path, monkeypatch):
+    tmp_path.joinpath("plugin_that_works.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("envs.core.registry._LEFT_OUT", {})
+    monkeypatch.setenv(PLUGINS_VARIABLE, "plugin_of_nobody,plugin_that_works")
+    for _ in range(2):
+        said = leave_out_broken_plugins()
+        assert list(said) == ["plugin_of_nobody"]
+        assert said["plugin_of_nobody"].endswith("The environment variable ROBOVERSE_PLUGINS names it.")
+        assert "plugin_that_works" in sys.modules and os.environ[PLUGINS_VARIABLE] == "plugin_that_works"
+    sys.modules.pop("plugin_that_works")
 
 
 def test_unknown_name_suggests_nearest():

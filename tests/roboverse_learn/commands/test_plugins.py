@@ -2,6 +2,7 @@
 
 import os
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from envs.core.registry import PLUGINS_VARIABLE
-from roboverse_learn import cli
+from roboverse_learn import cli, doctor
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture
@@ -99,3 +102,79 @@ def test_a_file_a_path_and_an_empty_folder_are_no_plugins(
     monkeypatch.syspath_prepend(here)  # as `python -m` has it
     assert cli.main(["list", word, "policies"]) == 2
     assert re.search(said, capsys.readouterr().err)
+
+
+@pytest.fixture
+def misnamed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An environment variable that names a plugin that is not there."""
+    monkeypatch.setattr("envs.core.registry._LEFT_OUT", {})
+    monkeypatch.setenv(PLUGINS_VARIABLE, "module_of_nobody")
+
+
+_CANNOT = "The plugin 'module_of_nobody' cannot be imported: No module named 'module_of_nobody'."
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["train", "task=PickCube"], ["collect"], ["leaderboard"], ["speed", "env"], ["new", "task", "A"]],
+)
+def test_a_plugin_of_the_environment_variable_that_fails_is_one_sentence(
+    misnamed: None, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(words) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and said[0].startswith(f"error: {_CANNOT}")
+    assert said[0].endswith("The environment variable ROBOVERSE_PLUGINS names it.")
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        ([], "Usage: roboverse <command>"),
+        (["--help"], "Usage: roboverse <command>"),
+        (["help", "train"], "roboverse train: "),
+        (["train", "--help"], "roboverse train: "),
+        (["list", "tasks", "PickCube"], "PickCube"),
+        (["--version"], "roboverse "),
+    ],
+)
+def test_help_and_list_go_on_without_a_plugin_that_fails(
+    misnamed: None, words: list[str], shown: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(words) == 0
+    said = capsys.readouterr()
+    assert shown in said.out and said.err.startswith(f"warning: {_CANNOT}") and said.err.count("\n") == 1
+
+
+def test_doctor_lists_a_plugin_that_fails_and_its_processes_do_without(
+    misnamed: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parts = {name: part for name, part in doctor.PARTS.items() if name in ("plugins", "disk")}
+    monkeypatch.setattr(doctor, "PARTS", parts)
+    assert cli.main(["doctor"]) == 0
+    said = capsys.readouterr()
+    assert re.search(rf"^  cannot be imported +{re.escape(_CANNOT)}", said.out, re.MULTILINE)
+    assert "Disk:" in said.out and said.err == "" and os.environ[PLUGINS_VARIABLE] == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "code", "out", "err"),
+    [
+        (["-m", "roboverse_learn", "--version"], 0, "^roboverse ", rf"^warning: {_CANNOT} .*\n$"),
+        (["-m", "roboverse_learn", "train"], 2, "^$", rf"^error: {_CANNOT} .*\n$"),
+        (
+            ["-c", "import envs, gymnasium; print('RoboVerse/PickCube-v0' in gymnasium.registry)"],
+            *(0, "^True\n$", rf"^{_CANNOT} .*\n$"),
+        ),
+    ],
+)
+def test_a_process_whose_environment_names_a_plugin_that_fails_has_no_traceback(
+    words: list[str], code: int, out: str, err: str
+) -> None:
+    environment = {**os.environ, PLUGINS_VARIABLE: "module_of_nobody"}
+    done = subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, env=environment, cwd=ROOT, check=False
+    )
+    assert done.returncode == code
+    assert re.search(out, done.stdout) and re.search(err, done.stderr)
