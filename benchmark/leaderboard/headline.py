@@ -1,10 +1,14 @@
 """The board's first screen: entries ranked over one set of tasks, each protocol and level on its own."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from benchmark.leaderboard.standings import PROTOCOLS, standings
 from benchmark.statistics import mean_of_rates
+from envs.core.errors import RoboVerseError
+from envs.tasks import TASKS
+from envs.tasks.suites import SUITES, suite_tasks
 
 MIN_EPISODES = 100
 """Test episodes that a cell needs to count in a rank: their 95 % interval is at most 20 points wide."""
@@ -23,7 +27,8 @@ def headline(
 
     A board has the entries that learned from the same source, demonstrations or reward, and were tested
     where they were trained, in tasks of one suite: those of the paper's table, or those whose names are the
-    same up to the last slash, such as ``libero/goal``. Only the tasks' own scenes count.
+    same up to the last slash, such as ``libero/goal``, or of several such families that are one registered
+    suite, such as ``grasp/colours``. Only the tasks' own scenes count.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build.build`.
@@ -38,6 +43,7 @@ def headline(
         rank are None and the tasks that it lacks are named.
     """
     table = list(dict.fromkeys(row["task"] for row in reference["rows"]))
+    joined = _suites_of_families()
     found: dict[tuple[Any, ...], dict[str, Any]] = {}
     for section in _newest(sections):
         for protocol, all_series in standings(section).items():
@@ -45,7 +51,7 @@ def headline(
                 if series["entry"] is None or series["transferred_from"] is not None:
                     continue
                 entry = entries[series["entry"]]
-                suite = _suite(section["task"], table)
+                suite = _suite(section["task"], table, joined)
                 place = tuple(section[key] for key in _PLACE)
                 key = (*place, entry["learned_from"], suite)
                 cells = found.setdefault(key, {name: {} for name in PROTOCOLS})[protocol]
@@ -74,9 +80,31 @@ def _newest_result(section: Mapping[str, Any]) -> str:
     return max(run["created"] for row in section["rows"] for run in row["runs"])
 
 
-def _suite(task: str, table: Sequence[str]) -> str:
+def _suite(task: str, table: Sequence[str], joined: Mapping[str, str]) -> str:
     family = task.rpartition("/")[0]
-    return "RoboVerse" if task in table else family or "other tasks"
+    return "RoboVerse" if task in table else joined.get(family, family) or "other tasks"
+
+
+def _suites_of_families() -> dict[str, str]:
+    """Returns the suite of each family of tasks that is a part of one: of several, the smallest.
+
+    A family that is a suite by itself, such as ``libero/goal`` in the suites ``libero_goal`` and ``libero``,
+    is not among them.
+    """
+    families: dict[str, set[str]] = {}
+    for task in TASKS:
+        families.setdefault(task.rpartition("/")[0], set()).add(task)
+    suites: dict[str, set[str]] = {}
+    for name in SUITES:
+        with suppress(RoboVerseError):  # of a package that is damaged, or lacks an extra
+            suites[name] = set(suite_tasks(name))
+    found = {}
+    for family in filter(None, families):
+        around = [name for name in suites if families[family] <= suites[name]]
+        smallest = min(around, key=lambda name: (len(suites[name]), name), default=None)
+        if smallest is not None and suites[smallest] != families[family]:
+            found[family] = smallest
+    return found
 
 
 def _shown(cell: Mapping[str, Any], section: str) -> dict[str, Any]:

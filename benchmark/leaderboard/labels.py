@@ -92,8 +92,13 @@ def breakable(task: str) -> str:
 
 
 def within(task: str, suite: str) -> str:
-    """Returns a task's name without that of the suite it begins with, if it does."""
-    return task.removeprefix(f"{suite}/")
+    """Returns a task's name without the suite or the suite's family that it begins with, if it does.
+
+    ``grasp/few/milk`` is ``milk`` in ``grasp/few``, and ``grasp/colours_1/milk`` is ``colours_1/milk`` in
+    ``grasp/colours``.
+    """
+    start = suite if task.startswith(f"{suite}/") else suite.rpartition("/")[0]
+    return task.removeprefix(f"{start}/")
 
 
 def percent(rate: float) -> str:

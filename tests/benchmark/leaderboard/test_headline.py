@@ -3,10 +3,12 @@
 import pytest
 
 from benchmark.leaderboard import build as leaderboard
+from benchmark.leaderboard import headline
 from benchmark.leaderboard.html import render_html, render_markdown
 from benchmark.leaderboard.standings import standings
 from benchmark.protocol import Protocol
 from benchmark.statistics import wilson
+from envs.core.registry import Registry
 
 SIX = ("PickCube", "StackCube", "CloseBox", "MoveSliderLeft", "PickChocolatePudding", "NutAssembly")
 ONE_LEVEL = Protocol(levels=(0,), splits=("test",))
@@ -177,3 +179,37 @@ def test_suites_of_a_family_are_ranked_apart_and_columns_leave_out_the_suite(pub
         "calvin/D": ["calvin/D/turn_on_led"],
     }
     assert "| tested at | rank | policy | budget | butter | milk | mean |" in render_markdown(board)
+
+
+def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_path):
+    tasks = ("grasp/colours_1/milk", "grasp/colours_2/butter", "calvin/A/turn_on_led", "calvin/B/turn_on_led")
+    for task in tasks:
+        publish(task=task)
+    board = leaderboard.build(tmp_path)
+    found = {table["suite"]: table["tasks"] for table in board["headline"]}
+    assert found == {
+        "grasp/colours": ["grasp/colours_1/milk", "grasp/colours_2/butter"],
+        "calvin_abc": ["calvin/A/turn_on_led", "calvin/B/turn_on_led"],
+    }
+    head = "| tested at | rank | policy | budget | colours_1/milk | colours_2/butter | mean |"
+    assert head in render_markdown(board)
+
+
+@pytest.mark.parametrize(
+    ("names", "joined"),
+    [
+        (["theirs/a/x", "theirs/b/y"], {"theirs/a": "all_of_theirs", "theirs/b": "all_of_theirs"}),
+        (["theirs/a/x"], {}),
+        (lambda: "theirs/a/x", {}),  # no list
+    ],
+)
+def test_a_family_is_joined_to_a_suite_that_has_all_of_it_and_more(monkeypatch, names, joined):
+    tasks, suites = Registry("task"), Registry("suite")
+    for task in ("theirs/a/x", "theirs/b/y", "PickCube"):
+        tasks.add(task, "theirs:Task")
+    suites.add("all_of_theirs", names)
+    suites.add("more_of_theirs", ["theirs/a/x", "theirs/b/y", "PickCube"] if joined else ["PickCube"])
+    monkeypatch.setattr("benchmark.leaderboard.headline.TASKS", tasks)
+    for module in ("benchmark.leaderboard.headline", "envs.tasks.suites"):
+        monkeypatch.setattr(f"{module}.SUITES", suites)
+    assert headline._suites_of_families() == joined
