@@ -6,13 +6,14 @@
 
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from benchmark.calvin_chains import ENV_TASK, ChainEnv, ChainExpert, run_chains
+from docs.generate.level_images import starts
 from envs.core.arguments import NoSettings, run_program
 from envs.spec import EnvSpec
 from envs.tasks.calvin.catalogue import SCENES
@@ -21,25 +22,15 @@ from envs.tasks.calvin.sequences import all_chains
 logger = logging.getLogger(__name__)
 
 OUT = Path("docs/howto/calvin.jpg")
-CHAIN, PIXELS, SCENE_PIXELS = 0, 200, 250
+CHAIN, PIXELS, SCENE_PIXELS, START = 0, 200, 250, 2
 LOOKS = {"looks": "meshes"}
 
 
-def scenes() -> np.ndarray:
-    """Returns a start in each scene, side by side, (H, W, 3) uint8."""
-    images = []
+def scenes() -> Iterator[EnvSpec]:
+    """Yields the environment of each scene."""
     for scene in SCENES:
-        spec = EnvSpec(
-            task=f"calvin/{scene}/turn_off_led",
-            task_kwargs=LOOKS,
-            cameras=("static",),
-            image_size=SCENE_PIXELS,
-        )
-        env = spec.make(1, split="test", observation="state")
-        env.reset_envs([0], env.split_indices[2:3])
-        images.append(env.image(0))
-        env.close()
-    return np.hstack(images)
+        task = f"calvin/{scene}/turn_off_led"
+        yield EnvSpec(task=task, task_kwargs=LOOKS, cameras=("static",), image_size=SCENE_PIXELS)
 
 
 def chain() -> np.ndarray:
@@ -68,7 +59,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _draw(_: NoSettings) -> None:
-    Image.fromarray(np.vstack([scenes(), chain()])).save(OUT, quality=85)
+    Image.fromarray(np.vstack([starts(scenes(), split="test", index=START), chain()])).save(OUT, quality=85)
 
 
 if __name__ == "__main__":

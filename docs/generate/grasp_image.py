@@ -4,13 +4,12 @@
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 
-from docs.generate.level_images import first_image
+from docs.generate.level_images import starts
 from envs.core.arguments import NoSettings, run_program
 from envs.spec import EnvSpec
 from envs.tasks.grasp_language.catalogue import PREFIX, in_scene
@@ -20,15 +19,10 @@ SETS = ("colours_1", "colours_2", "colours_3", "unseen")
 PIXELS, START = 256, 1
 
 
-def scenes() -> np.ndarray:
-    """Returns a start in each scene, side by side, (H, W, 3) uint8."""
-    images = []
+def scenes() -> Iterator[EnvSpec]:
+    """Yields the environment of each scene."""
     for name in SETS:
-        spec = EnvSpec(task=f"{PREFIX}{name}/{in_scene(name)[0]}", cameras=("front",), image_size=PIXELS)
-        env = spec.make(1, split="train")
-        images.append(first_image(env, int(env.split_indices[START])))
-        env.close()
-    return np.hstack(images)
+        yield EnvSpec(task=f"{PREFIX}{name}/{in_scene(name)[0]}", cameras=("front",), image_size=PIXELS)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -37,7 +31,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _draw(_: NoSettings) -> None:
-    Image.fromarray(scenes()).save(OUT, quality=85)
+    Image.fromarray(starts(scenes(), split="train", index=START)).save(OUT, quality=85)
 
 
 if __name__ == "__main__":

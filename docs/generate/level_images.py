@@ -7,7 +7,7 @@
 
 import logging
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from envs.randomization.channels import CHANNELS
 from envs.randomization.levels import LEVEL_CHANNELS, LEVELS
 from envs.randomization.materials import MaterialLibrary
 from envs.scenario import SURFACES
+from envs.spec import EnvSpec
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -85,6 +86,24 @@ def first_image(env, episode: int) -> np.ndarray:
     env.reset_envs(only, np.array([episode]))
     images = [v for key, v in env.observe(only).items() if key.startswith("observation.images.")]
     return np.concatenate([image[0] for image in images], axis=1)
+
+
+def starts(specs: Iterable[EnvSpec], *, split: str, index: int) -> np.ndarray:
+    """Returns how one episode of a split starts in each environment, side by side, (H, W, 3) uint8.
+
+    Args:
+        specs: The environments.
+        split: ``"train"`` or ``"test"``.
+        index: Which of the split's episodes.
+    """
+    images = []
+    for spec in specs:
+        env = spec.make(1, split=split)
+        try:
+            images.append(first_image(env, int(env.split_indices[index])))
+        finally:
+            env.close()
+    return np.concatenate(images, axis=1)
 
 
 def draw_materials(library: MaterialLibrary, *, per_row: int = 20, image_size: int = 64) -> "Image.Image":

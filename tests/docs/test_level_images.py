@@ -6,6 +6,7 @@ import envs
 from docs.generate import level_images as gallery
 from envs.core.errors import ConfigError
 from envs.randomization.materials import MaterialLibrary
+from envs.spec import EnvSpec
 
 
 def test_images_are_laid_out_in_captioned_rows():
@@ -88,6 +89,20 @@ def test_axes_are_rows_too(monkeypatch, tmp_path):
     assert [env.kwargs["only"] for env in made] == list(gallery.AXES)
     colors = {tuple(color) for color in np.asarray(Image.open(out)).reshape(-1, 3).tolist()}
     assert {(40 * row, 9, 0) for row in range(len(gallery.AXES))} <= colors
+
+
+def test_starts_of_several_environments_are_side_by_side_and_each_is_closed(monkeypatch):
+    made = []
+
+    def make(spec, num_envs, **kwargs):
+        made.append(OneColorEnv(spec.task, num_envs, level=spec.level, image_size=spec.image_size, **kwargs))
+        return made[-1]
+
+    monkeypatch.setattr(EnvSpec, "make", make)
+    specs = [EnvSpec(task="PickCube", level=level, image_size=16) for level in (1, 3)]
+    image = gallery.starts(specs, split="test", index=2)
+    assert image.shape == (16, 32, 3) and all(env.closed and env.kwargs["split"] == "test" for env in made)
+    assert (image[:, :16] == (40, 11, 0)).all() and (image[:, 16:] == (120, 11, 0)).all()
 
 
 def test_nothing_to_draw_is_a_usage_error(capsys):
