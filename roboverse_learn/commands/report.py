@@ -44,10 +44,14 @@ def train_report(run: "TrainedRun") -> Group:
         f"{name} {clock(facts['seconds'])}" for name, facts in stages.items() if "seconds" in facts
     )
     report = Group(
-        *([] if dataset is None else [Text(dataset) if isinstance(dataset, str) else _collected(dataset)]),
+        *(
+            []
+            if dataset is None
+            else [unbroken(dataset) if isinstance(dataset, str) else _collected(dataset)]
+        ),
         Text(f"Trained {trained.steps:,} steps (stopped by {trained.stopped_by.replace('_', ' ')}){loss}."),
         *_tables(run.evaluations),
-        *([Text(run.note)] if run.note else []),
+        *([unbroken(run.note)] if run.note else []),
         listed_paths(
             {"run": run.folder, "checkpoint": trained.checkpoint, "curves": trained.plot}
             | _evaluation_paths(run.evaluations, run.board)
@@ -232,7 +236,7 @@ def _imported(dataset: "CollectionSummary", imported: "ImportSummary") -> Text:
     lines += [f"  {v.file} {v.name}".rstrip() + f": {v.error}" for v in imported.skipped[:_SHOWN_SKIPPED]]
     if len(imported.skipped) > _SHOWN_SKIPPED:
         lines.append(f"  … and {len(imported.skipped) - _SHOWN_SKIPPED} more, named in meta/import.json")
-    return Text("\n".join(lines))
+    return unbroken("\n".join(lines))
 
 
 def _evaluation_paths(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> dict[str, Any]:
@@ -259,4 +263,9 @@ def listed_paths(paths: Mapping[str, Any]) -> Group:
             shown = [*shown[:_SHOWN_VIDEOS], f"… and {more} more beside them"]
         lines += [(name if index == 0 else "", path) for index, path in enumerate(shown)]
     width = max((len(name) for name, _ in lines), default=0)
-    return Group(*(Text(f"{name:{width}}  {path}", no_wrap=True, overflow="ignore") for name, path in lines))
+    return Group(*(unbroken(f"{name:{width}}  {path}") for name, path in lines))
+
+
+def unbroken(text: str) -> Text:
+    """Returns lines that may name paths: the terminal alone breaks them, so that a path can be copied."""
+    return Text(text, no_wrap=True, overflow="ignore")

@@ -5,9 +5,15 @@ from pathlib import Path
 
 from rich.console import Group
 from rich.table import Table
-from rich.text import Text
 
-from roboverse_learn.commands.report import board_paths, in_scene, listed_paths, rate_text, wording_table
+from roboverse_learn.commands.report import (
+    board_paths,
+    in_scene,
+    listed_paths,
+    rate_text,
+    unbroken,
+    wording_table,
+)
 from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
 
 
@@ -56,6 +62,6 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
 
 def _with_failures(failed: Mapping[str, str], *parts: Table | Group) -> SuiteReport:
     lines = [f"Left out {len(failed)}:", *(f"  {task}: {why}" for task, why in failed.items())]
-    report = SuiteReport(*parts, *([Text("\n".join(lines))] if failed else []))
+    report = SuiteReport(*parts, *([unbroken("\n".join(lines))] if failed else []))
     report.ok = not failed
     return report

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Group
 from rich.table import Table
-from rich.text import Text
 
 from envs.vector_env import RoboVerseVectorEnv
+from roboverse_learn.commands.report import unbroken
 from roboverse_learn.teleoperation.quality import Quality, mean, measure
 from roboverse_learn.teleoperation.recording import Mark
 
@@ -86,7 +86,7 @@ def teleoperation_report(
         lines.append(f"dataset     {dataset.root} ({dataset.num_episodes} episodes)")
     if again:
         lines.append(f"Render them again, with other looks: {again}")
-    return Group(table, Text("\n".join(lines)))
+    return Group(table, unbroken("\n".join(lines)))
 
 
 def _quality(row: Mapping[str, Any]) -> Quality:

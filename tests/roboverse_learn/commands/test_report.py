@@ -1,14 +1,22 @@
 """What the commands print of an evaluation: success with known words and with held-out ones."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+from rich.table import Table
+
 from benchmark.records import EpisodeRecord
 from roboverse_learn import cli
-from roboverse_learn.commands.report import collection_report, listed_paths, wording_table
+from roboverse_learn.commands.outcomes import TrainedRun
+from roboverse_learn.commands.report import collection_report, listed_paths, train_report, wording_table
 from roboverse_learn.commands.suite import SuiteCollection
 from roboverse_learn.commands.suite_report import suite_collection_report
+from roboverse_learn.data.importers.verdicts import ImportSummary, Verdict
+from roboverse_learn.teleoperation.report import teleoperation_report
+from roboverse_learn.training.reporter import TrainResult
 from tests.roboverse_learn.commands.test_train import SUMMARY
 
 NUM = 10
@@ -76,6 +84,46 @@ def test_a_long_path_is_one_line_that_can_be_copied(capsys):
         cli._show(report)
         lines = capsys.readouterr().out.splitlines()
         assert [line.split()[-1] for line in lines if "long_" in line] == [FOLDER]
+
+
+def trained_run(**words: str) -> TrainedRun:
+    trained = TrainResult(
+        checkpoint=Path("runs/x/last"), steps=10, loss=0.5, elapsed_s=60.0, samples_per_s=10.0,
+        stopped_by="steps", precision="fp32", plot=None,
+    )  # fmt: skip
+    facts: dict[str, Any] = {"dataset": SUMMARY} | words
+    return TrainedRun(
+        folder=Path("runs/x"), trained=trained, evaluations=(), board={}, stages={}, seconds=60.0, **facts
+    )
+
+
+IMPORTED = ImportSummary(
+    source="robosuite", replay="states", files={}, conditions={},
+    verdicts=(Verdict(file=FOLDER, name="demo_1", error="it is cut off"),),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("report", "sentence"),
+    [
+        (train_report(trained_run(dataset=f"Read 9 of '{FOLDER}'.")), f"Read 9 of '{FOLDER}'."),
+        (train_report(trained_run(note=f"'{FOLDER}' has another robot.")), f"'{FOLDER}' has another robot."),
+        (collection_report(replace(SUMMARY, imported=IMPORTED)), f"  {FOLDER} demo_1: it is cut off"),
+        (
+            suite_collection_report(
+                SuiteCollection(suite="grasp/few", collected={}, failed={"milk": f"'{FOLDER}' is absent."})
+            ),
+            f"  milk: '{FOLDER}' is absent.",
+        ),
+        (
+            teleoperation_report(Table(), Path("recordings"), None, None, f"roboverse collect from={FOLDER}"),
+            f"Render them again, with other looks: roboverse collect from={FOLDER}",
+        ),
+    ],
+)
+def test_a_path_in_a_sentence_is_not_broken_into_lines(report, sentence, capsys):
+    cli._show(report)
+    assert sentence in capsys.readouterr().out.splitlines()
 
 
 def test_names_of_paths_are_a_column_and_several_stand_below_one_another(capsys):
