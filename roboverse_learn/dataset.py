@@ -91,9 +91,10 @@ def dataset(words: Sequence[str]) -> DatasetReport:
         merged = parse("roboverse dataset merge", MergeConfig, rest)
         if not merged.from_ or not merged.out:
             raise ConfigError("dataset merge needs from=[<folder>,<folder>] and out=<folder>.")
+        given = sum(map(_num_episodes, merged.from_))  # before: out= may be one of them
         before = _num_episodes(merged.out)
         info = merge(merged.from_, merged.out)
-        note = _added(sum(map(_num_episodes, merged.from_)), before, info.num_episodes)
+        note = _added(given, before, info.num_episodes)
     elif action == "get":
         wanted = parse("roboverse dataset get", GetConfig, rest)
         folder = Path(wanted.out or f"datasets/{wanted.from_}")

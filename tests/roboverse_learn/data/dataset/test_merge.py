@@ -226,6 +226,14 @@ def test_the_command_says_that_the_dataset_was_there_before(tmp_path, capsys):
     assert "left out: 1 of the 3 episodes given" in said
 
 
+def test_the_command_counts_a_source_that_is_merged_into_as_it_was_before(tmp_path, capsys):
+    into, other = write(tmp_path / "into", [0, 1]), write(tmp_path / "other", [2, 3, 4])
+    assert cli.main(["dataset", "merge", f"out={into}", f"from=[{into},{other}]"]) == 0
+    said = capsys.readouterr().out
+    assert "5 episodes" in said and "added: 3 episodes to the 2 that were there" in said
+    assert "left out: 2 of the 5 episodes given" in said
+
+
 @pytest.mark.parametrize("kept", [0, 200])
 def test_a_damaged_video_is_named_and_ends_the_command_with_code_1(tmp_path, capsys, kept):
     root = write(tmp_path / "d", range(3))
