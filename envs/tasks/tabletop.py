@@ -53,6 +53,9 @@ CAMERAS = (FRONT_CAMERA, WRIST_CAMERA)
 
 CONTROL_20_HZ = PhysicsCfg(timestep_s=0.002, decimation=25)
 
+_POSE_JOINTS = 6
+"""A hand's pose has three numbers of its place and three of its turn: an arm of fewer joints misses some."""
+
 FRANKA_AT_TABLE = dataclasses.replace(FRANKA, pos=(-0.615, 0.0, 0.0))
 """Position of the Panda's base on ManiSkill 3's table (``utils/scene_builder/table/scene_builder.py``)."""
 
@@ -63,13 +66,24 @@ def wrist_camera(robot: RobotCfg) -> CameraCfg:
     Raises:
         ConfigError: The robot names no body that carries it.
     """
-    mount = robot.camera_mount or robot.gripper_mount
+    mount = _camera_mount(robot)
     if mount is None:
         raise ConfigError(
             f"The robot '{robot.name}' has no wrist camera: give its RobotCfg a camera_mount, the body that "
-            f"carries one. Robots of every table-top task: {', '.join(ROBOTS.names('arm'))}."
+            "carries one. Arms that carry one and have the six joints that a hand needs for any pose: "
+            f"{', '.join(filter(_serves, ROBOTS.names('arm')))}."
         )
     return dataclasses.replace(WRIST_CAMERA, mount=f"{robot.name}/{mount}")
+
+
+def _camera_mount(robot: RobotCfg) -> str | None:
+    return robot.camera_mount or robot.gripper_mount
+
+
+def _serves(name: str) -> bool:
+    """Whether a registered arm has a wrist camera, and joints enough for the ways of a table-top task."""
+    robot = ROBOTS.get(name)
+    return _camera_mount(robot) is not None and len(robot.arm) >= _POSE_JOINTS
 
 
 def wrist_cameras(robots: Sequence[RobotCfg]) -> tuple[CameraCfg, ...]:

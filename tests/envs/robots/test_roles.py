@@ -92,3 +92,14 @@ def test_the_wrist_camera_is_on_the_robots_own_hand():
     message = "'cartpole' has no wrist camera: give its RobotCfg a camera_mount.*: franka, franka_2f85, iiwa"
     with pytest.raises(ConfigError, match=message):
         wrist_camera(ROBOTS.get("cartpole"))
+
+
+def test_arms_that_are_named_in_place_of_a_robot_without_a_wrist_camera_have_one_and_six_joints():
+    with pytest.raises(
+        ConfigError, match="and have the six joints that a hand needs for any pose: "
+    ) as raised:
+        wrist_camera(ROBOTS.get("cartpole"))
+    named = str(raised.value).rpartition(": ")[2].rstrip(".").split(", ")
+    assert set(ROBOTS.names("arm")) - set(named) == {"so101"}, "five joints"
+    for robot in map(ROBOTS.get, named):
+        assert wrist_camera(robot).mount.startswith(robot.name) and len(robot.arm) >= 6
