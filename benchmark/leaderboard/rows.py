@@ -115,12 +115,17 @@ def trained_with(result: Result) -> Mapping[str, Any]:
 
 
 def transferred_from(result: Result) -> str | None:
-    """Returns where the policy was trained, ``"mujoco, rendered with warp"``, if not where it was tested."""
+    """Returns where the policy was trained, if not where it was tested, to be read after "trained in".
+
+    It is ``"mujoco, rendered with warp"``, ``"scenes with franka"`` where the tested robot is none of those
+    that were learned, or both: ``"mujoco, rendered with warp, with franka"``.
+    """
     trained = trained_with(result)
     simulator, renderer = trained.get("simulator"), trained.get("renderer")
+    robots = " and ".join(map(str, result.config.get("learned_robots") or ()))
     if not simulator or not renderer or (simulator, renderer) == (result.env.simulator, result.env.renderer):
-        return None
-    return f"{simulator}, rendered with {renderer}"
+        return f"scenes with {robots}" if robots else None
+    return f"{simulator}, rendered with {renderer}" + (f", with {robots}" if robots else "")
 
 
 def group_runs(entries: Iterable[Entry]) -> list[list[Entry]]:

@@ -12,6 +12,7 @@ import policies
 from envs.core.errors import ConfigError, RoboVerseError
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.dataset_layout import task_layout
+from roboverse_learn.commands.learned_robots import learned_in, plain_joints
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
@@ -46,6 +47,11 @@ class GivenDataset:
     def hash(self) -> str:
         """:func:`~roboverse_learn.data.dataset.raw.dataset_hash`."""
         return dataset_hash(self.info.root)
+
+    @property
+    def robots(self) -> list[str]:
+        """The robots that recorded it, the empty name that of the task itself; empty where unknown."""
+        return list(learned_in(self.info).robots)
 
     @property
     def words(self) -> str:
@@ -181,16 +187,11 @@ def _misfit(info: DatasetInfo, config: TrainRunConfig, task: str) -> str:
         if (here := _words(ours)) != (there := _words(theirs)):
             return _sentence(task, f"its {key} has {here} numbers, and that of the dataset {there}")
         names = theirs.get("names")
-        if isinstance(names, list) and _joints(names) != _joints(ours["names"]):
+        if isinstance(names, list) and plain_joints(names) != plain_joints(ours["names"]):
             return _sentence(task, f"its {key} is {ours['names']}, and that of the dataset {names}")
     if _ENVIRONMENT_STATE_KEY in info.features:
         return _sentence(task, f"it has no {_ENVIRONMENT_STATE_KEY}, which the dataset has")
     return ""
-
-
-def _joints(names: Sequence[str]) -> list[str]:
-    """Returns names of joints without what LeRobot's robots write otherwise: ``a_b.pos`` for our ``a/b``."""
-    return [str(name).removesuffix(".pos").replace("/", "_") for name in names]
 
 
 def _words(vector: Feature) -> str:

@@ -12,6 +12,13 @@ from envs.core.machine import check_device_name
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
 from roboverse_learn.commands.checkpoint_names import name_without_run
+from roboverse_learn.commands.learned_robots import (
+    Learned,
+    learned_in_run,
+    learned_without_run,
+    recorded_robots,
+    warn_of_joints,
+)
 from roboverse_learn.commands.scene_labels import fit_for_a_file, recorded_materials, scenario_name
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
@@ -144,9 +151,10 @@ def _checkpoint_with_run(folder: Path, checkpoint: Path, config: EvaluateConfig)
     check_validation(config.evaluate.splits, trained.policy_name, trained.collect.num_demos)
     env = _changed_env(trained.env, config.env)
     _warn_of_control_rate(trained, env)
-    _warn_of_joints(trained, env)
+    learned = learned_in_run(folder, trained)
+    warn_of_joints(learned, env)
     # The device of the evaluation, not of training: what a GPU trained can be evaluated anywhere.
-    tested = checkpoint_of_run(folder, replace(trained, device=config.device), checkpoint)
+    tested = checkpoint_of_run(folder, replace(trained, device=config.device), checkpoint, learned)
     parts = _changes_in_name(trained, env)
     protocol = protocol_of(config.evaluate)
     if protocol.hash != protocol_of(trained.evaluate).hash:
@@ -159,17 +167,21 @@ def _checkpoint_with_run(folder: Path, checkpoint: Path, config: EvaluateConfig)
         parts.append(_in_name("rename_map", config.rename_map))
     run = to_values(trained)
     values = {"command": to_values(config), "run": run, "policy": run["policy"]}
+    values |= recorded_robots(learned, env)
     name = "-".join([tested.run, *parts])
     return replace(tested, env=env, run=name, rename_map=config.rename_map, config=values)
 
 
-def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) -> TestedCheckpoint:
+def checkpoint_of_run(
+    folder: Path, config: TrainRunConfig, checkpoint: Path, learned: Learned | None = None
+) -> TestedCheckpoint:
     """Returns a checkpoint of a run, to be evaluated in the environment that it was trained in.
 
     Args:
         folder: The run's folder.
         config: Its configuration.
         checkpoint: The pretrained folder inside it.
+        learned: Whose demonstrations it learned; by default as :func:`learned_in_run` finds out.
     """
     from roboverse_learn.commands.run_folder import read_facts, result_name
     from roboverse_learn.config.serialize import to_values
@@ -190,7 +202,7 @@ def checkpoint_of_run(folder: Path, config: TrainRunConfig, checkpoint: Path) ->
             demonstrations=facts.get("num_episodes"),
             recipe=config.recipe,
         ),
-        config=to_values(config),
+        config=to_values(config) | recorded_robots(learned or learned_in_run(folder, config), config.env),
     )
 
 
@@ -251,6 +263,8 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
             )
         seen = EnvSpec(cameras=tuple(cameras), image_size=sizes.pop() if len(sizes) == 1 else _VIDEO_PX)
     env = _changed_env(seen, config.env)
+    learned = learned_without_run(checkpoint)
+    warn_of_joints(learned, env)
     weights = file_hash(weights_path(checkpoint))[:8]
     name = name_without_run(config.checkpoint, checkpoint)
     return TestedCheckpoint(
@@ -260,7 +274,7 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
         device=resolve_device(config.device),
         rename_map=config.rename_map,
         training=Training(tasks=_learned_together(checkpoint)),
-        config={"command": to_values(config), "policy": values},
+        config={"command": to_values(config), "policy": values, **recorded_robots(learned, env)},
     )
 
 
@@ -358,23 +372,6 @@ def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:
             "The policy learned at %g control steps per second and is evaluated at %g. "
             "Leave out scenario.physics to evaluate it as it learned.",
             *(before, now),
-        )
-
-
-def _warn_of_joints(trained: TrainRunConfig, env: EnvSpec) -> None:
-    """Warns where a policy that learned joints of one robot moves those of another one.
-
-    A run with ``dataset=`` does not record the robot of its demonstrations, so it gets no warning.
-    """
-    if env.robot == trained.env.robot or trained.dataset:
-        return
-    before, now = trained.env.make_task(), env.make_task()
-    joints = {name for robot in now.robots for name in robot.reading_names}
-    if before.robot.name != now.robot.name and not joints.isdisjoint(now.controller.names):
-        log.warning(
-            "The policy learned joints of '%s' and moves those of '%s', where the same positions are another "
-            "posture. Train with task_kwargs.action_space=hand, whose actions are poses of the hand.",
-            *(before.robot.name, now.robot.name),
         )
 
 

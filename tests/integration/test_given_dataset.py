@@ -84,9 +84,16 @@ def folders(tmp_path: Path) -> list[str]:
     return [f"{key}={tmp_path / key}" for key in ("runs_dir", "results_dir", "datasets_dir")]
 
 
-@pytest.mark.parametrize(("edited", "episodes"), [(cleaned, 3), (merged, 7), (split, 3)])
+@pytest.mark.parametrize(
+    ("edited", "episodes", "robots"),
+    [(cleaned, 3, ["franka"]), (merged, 7, ["", "franka"]), (split, 3, ["franka"])],
+)
 def test_a_dataset_that_lerobot_edited_is_trained_on_and_its_policy_evaluated(
-    main_run: MainRun, tmp_path: Path, edited: Callable[[MainRun, Path], None], episodes: int
+    main_run: MainRun,
+    tmp_path: Path,
+    edited: Callable[[MainRun, Path], None],
+    episodes: int,
+    robots: list[str],
 ) -> None:
     root = tmp_path / "edited"
     edited(main_run, root)
@@ -95,6 +102,7 @@ def test_a_dataset_that_lerobot_edited_is_trained_on_and_its_policy_evaluated(
     (run,) = (tmp_path / "runs_dir/edited/act").iterdir()
     facts = read_facts(run, "collect")
     assert (facts["num_episodes"], facts["level"], facts["folder"]) == (episodes, None, str(root))
+    assert facts["robots"] == robots
     # Cameras and image size are the dataset's.
     assert read_config(run).env.cameras == ("front",) and read_config(run).env.image_size == 32
     result = read_result(tmp_path / "results_dir/v2/PickCube/act" / f"{run.name}.json")
@@ -163,7 +171,7 @@ def test_a_dataset_of_ours_is_trained_on_and_never_collected_into(
     assert cli.main([*words, "num_demos=5", "train.steps=2"]) == 0
     (run,) = (tmp_path / "runs_dir/PickCube/act").iterdir()
     facts = read_facts(run, "collect")
-    assert (facts["num_episodes"], facts["level"]) == (4, 0)
+    assert (facts["num_episodes"], facts["level"], facts["robots"]) == (4, 0, [""])
     assert cli.main([*words, "level=3"]) == 2
     assert "was begun with level=0; now given: level=3" in capsys.readouterr().err
     recorded = json.loads((root / COLLECTION_PATH).read_text())

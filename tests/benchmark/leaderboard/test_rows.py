@@ -27,6 +27,22 @@ def test_row_labels_name_the_setting_that_differs(publish, tmp_path):
     }
 
 
+def test_a_policy_of_another_robot_is_a_row_of_its_own(publish, tmp_path):
+    """Beside what was trained on the robot that is tested, and never a further seed of that."""
+    trained = {"simulator": "mujoco", "renderer": "warp"}
+    config = {"policy": {}, "run": trained, "learned_robots": ["franka", "ur5e"]}
+    publish(run="native", robot="iiwa", config={"policy": {}, **trained})
+    publish(run="moved", seed=1, robot="iiwa", config=config)
+    publish(run="from_afar", robot="iiwa", config={**config, "run": {**trained, "simulator": "sapien"}})
+    publish(run="of_no_run", robot="iiwa", config={"policy": {}, "learned_robots": ["franka"]})
+    assert {row["label"]: row["runs"][0]["run"] for row in rows(tmp_path)} == {
+        "act": "native",
+        "act, trained in scenes with franka and ur5e": "moved",
+        "act, trained in sapien, rendered with warp, with franka and ur5e": "from_afar",
+        "act, trained in scenes with franka": "of_no_run",
+    }
+
+
 def test_an_evaluation_of_single_channels_is_marked(publish, tmp_path):
     publish(run="levels", protocol=Protocol(episodes=10))
     publish(run="channels", protocol=Protocol(episodes=10, only=("camera", "lighting")))
