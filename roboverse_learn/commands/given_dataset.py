@@ -12,7 +12,15 @@ import policies
 from envs.core.errors import ConfigError, RoboVerseError
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.dataset_layout import task_layout
-from roboverse_learn.commands.learned_robots import learned_in, plain_joints
+from roboverse_learn.commands.learned_robots import (
+    Learned,
+    episode_robots,
+    learned_in,
+    moves_joints,
+    other_robots,
+    plain_joints,
+    robot_name,
+)
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
@@ -72,13 +80,15 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
 
     Raises:
         DatasetError: There is none, it is damaged or empty, or was collected here with other settings.
-        ConfigError: Its episodes are of another task, or of several that the policy cannot tell apart.
+        ConfigError: Its episodes are of another task, or of several that the policy cannot tell apart, or
+            its joints are those of other robots alone.
     """
     info = DatasetInfo.open(config.dataset)
     if is_collected_here(info.root):
         _check_same(info, config)
         return GivenDataset(info, config, None if config.env.only else config.env.level, config.env.only)
     _check_tasks(info, config)
+    _check_robots(info, config)
     variations = {(each.get("level"), each.get("only")) for each in info.episode_metadata}
     level, only = variations.pop() if len(variations) == 1 else (None, None)
     try:
@@ -156,6 +166,19 @@ def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
             f"dataset={info.root} has episodes of {', '.join(others)}, too, and policy={config.policy_name} "
             f"reads no instruction that would tell them from {', '.join(config.tasks)}. Give a dataset of "
             "one task, or take policy=mtact."
+        )
+
+
+def _check_robots(info: DatasetInfo, config: TrainRunConfig) -> None:
+    """Checks that episodes that name their robots name that of the run, where the actions are of joints."""
+    robots, all_named = episode_robots(info)
+    others = other_robots(Learned(robots), config.env) if all_named else []
+    if others and moves_joints(config.env.make_task()):
+        here = robot_name(config.env, config.env.robot)
+        raise ConfigError(
+            f"dataset={info.root} holds demonstrations of {' and '.join(others)}, and the run is of {here}, "
+            f"where the same joint positions are another posture. Add robot={others[0]}, or name a dataset "
+            f"that holds demonstrations of {here}, too."
         )
 
 

@@ -1,5 +1,6 @@
 """Datasets that are given: whose tasks a policy can tell apart, and whose joints are those of a task."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -87,6 +88,43 @@ def test_a_setting_that_is_given_and_differs_is_refused_with_both_values(collect
     config = compose("train", ["policy=act", f"dataset={collected}", word])
     with pytest.raises(DatasetError, match=said + r".*Leave out what differs to take the dataset's"):
         given_dataset(config)
+
+
+def merged(root, robots):
+    """Writes a dataset of no collection, with an episode of each robot."""
+    with DatasetWriter(root, fps=20, features=FEATURES) as writer:
+        for index, robot in enumerate(robots):
+            episode = make_episode(index, length=2)
+            writer.add_episode(replace(episode, metadata=episode.metadata | {"robot": robot}))
+    return f"dataset={root}"
+
+
+@pytest.mark.parametrize(
+    ("robots", "acts", "said"),
+    [
+        ([""], "iiwa", r"demonstrations of franka, and the run is of iiwa, .* Add robot=franka, or name"),
+        (["ur5e", "iiwa"], "franka", r"demonstrations of iiwa and ur5e, and the run is of franka, .*=iiwa,"),
+    ],
+)
+def test_joints_of_other_robots_alone_are_refused_before_a_run_begins(tmp_path, robots, acts, said):
+    words = ["policy=act", merged(tmp_path / "merged", robots), f"robot={acts}"]
+    with pytest.raises(ConfigError, match=said):
+        given_dataset(compose("train", words))
+
+
+@pytest.mark.parametrize(
+    ("robots", "words"),
+    [
+        (["", "iiwa"], ["robot=iiwa"]),
+        (["", "iiwa"], []),
+        (["iiwa"], []),
+        ([""], ["robot=franka"]),
+        (["", "ur5e"], ["robot=iiwa", "task_kwargs.action_space=hand"]),
+    ],
+)
+def test_a_mixture_with_the_robot_and_actions_of_the_hand_are_learned_from(tmp_path, robots, words):
+    found = given_dataset(compose("train", ["policy=act", merged(tmp_path / "merged", robots), *words]))
+    assert found.robots == sorted(robots)
 
 
 @pytest.mark.parametrize(
