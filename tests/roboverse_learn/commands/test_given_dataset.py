@@ -1,5 +1,6 @@
 """Datasets that are given: whose tasks a policy can tell apart, and whose joints are those of a task."""
 
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -110,6 +111,20 @@ def test_joints_of_other_robots_alone_are_refused_before_a_run_begins(tmp_path, 
     words = ["policy=act", merged(tmp_path / "merged", robots), f"robot={acts}"]
     with pytest.raises(ConfigError, match=said):
         given_dataset(compose("train", words))
+
+
+def test_raw_states_that_are_truncated_or_missing_are_found_before_a_run_begins(tmp_path):
+    config = compose("train", ["policy=act", merged(tmp_path / "merged", ["", "", ""])])
+    given_dataset(config)
+    (tmp_path / "merged/raw/episode_000001.safetensors").rename(tmp_path / "kept")
+    with pytest.raises(DatasetError, match=r"episode_000001\.safetensors' is missing\. Restore it"):
+        given_dataset(config)
+    half = (tmp_path / "kept").read_bytes()[:-100]
+    (tmp_path / "merged/raw/episode_000001.safetensors").write_bytes(half)
+    with pytest.raises(DatasetError, match=r"episode_000001\.safetensors' is truncated or damaged"):
+        given_dataset(config)
+    shutil.rmtree(tmp_path / "merged/raw")  # as a dataset of another program
+    given_dataset(config)
 
 
 @pytest.mark.parametrize(
