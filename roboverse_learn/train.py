@@ -188,7 +188,7 @@ def _read(given: "GivenDataset", run: "RunFolder") -> None:
                 f"'{given.info.root}' holds {given.hash[:16]}. Add resume=false to start a run beside it."
             )
         facts.update(dataset_hash=given.hash, num_episodes=given.info.num_episodes)
-        facts.update(folder=str(given.info.root), level=given.level, only=given.only, robots=given.robots)
+        facts.update(folder=str(given.info.root), level=given.level, only=given.only, **given.learned)
 
 
 def _evaluate(config: TrainRunConfig, run: "RunFolder", checkpoint: Path) -> list[Evaluation]:

@@ -284,10 +284,16 @@ def load_plugins() -> None:
     there.
 
     Raises:
-        ConfigError: One of them cannot be imported.
+        ConfigError: One of them cannot be imported; the others are.
     """
+    errors: list[RoboVerseError] = []
     for name in _named_plugins():
-        _load_plugin(name)
+        try:
+            _load_plugin(name)
+        except RoboVerseError as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]
 
 
 def leave_out_broken_plugins() -> dict[str, str]:
@@ -297,6 +303,7 @@ def leave_out_broken_plugins() -> dict[str, str]:
         Why each cannot be imported, by its name, with those that this process left out before.
     """
     for name in _named_plugins():
+        _LEFT_OUT.pop(name, None)
         try:
             _load_plugin(name)
         except RoboVerseError as error:
@@ -326,7 +333,8 @@ def _load_plugin(name: str) -> None:
     try:
         module = importlib.import_module(name)
     except ImportError as error:
-        nearest = suggest(package, _importable()) if error.name in (name, package) else ""
+        of_a_module = "is not a package" in str(error)  # as in my_module.py
+        nearest = suggest(package, _importable()) if error.name == package or of_a_module else ""
         raise ConfigError(
             f"The plugin '{name}' cannot be imported: {_said(error)}{nearest} Install it, run the command in "
             "its folder, or put its folder on PYTHONPATH."

@@ -4,10 +4,10 @@ Other packages register suites through the entry-point group ``roboverse.suites`
 names of tasks, or a function without arguments that returns one; see ``docs/concepts/suites.md``.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, RoboVerseError
 from envs.core.registry import Registry
 from envs.tasks import TASKS
 from envs.tasks.calvin import catalogue as calvin
@@ -28,11 +28,17 @@ def suite_tasks(name: str) -> tuple[str, ...]:
 
     Raises:
         UnknownNameError: There is no such suite.
-        ConfigError: It is empty, names a task twice, or is no list of names.
+        ConfigError: It is empty, names a task twice, is no list of names, or cannot be made.
     """
     target = SUITES.get(name)
-    names = target() if callable(target) else target
-    if isinstance(names, str) or not all(isinstance(each, str) for each in names):
+    try:
+        names = target() if callable(target) else target
+    except RoboVerseError:  # it says by itself what is wrong
+        raise
+    except Exception as error:
+        raise ConfigError(f"The suite '{name}' cannot be made: {type(error).__name__}: {error}") from error
+    is_list = isinstance(names, Iterable) and not isinstance(names, str)
+    if not is_list or not all(isinstance(each, str) for each in names):
         raise ConfigError(f"The suite '{name}' must be a list of names of tasks, given {names!r}.")
     if not names:
         raise ConfigError(f"The suite '{name}' has no tasks.")

@@ -58,9 +58,10 @@ class GivenDataset:
         return dataset_hash(self.info.root)
 
     @property
-    def robots(self) -> list[str]:
-        """The robots that recorded it, the empty name that of the task itself; empty where unknown."""
-        return list(learned_in(self.info).robots)
+    def learned(self) -> dict[str, list[str]]:
+        """What a run records of it: ``robots`` and ``actions`` of :class:`Learned`."""
+        found = learned_in(self.info)
+        return {"robots": list(found.robots), "actions": list(found.actions)}
 
     @property
     def words(self) -> str:
@@ -145,9 +146,10 @@ def _seen(config: TrainRunConfig, cameras: Sequence[str]) -> list[str]:
 
 def _other_robot(info: DatasetInfo, config: TrainRunConfig) -> str:
     """Returns a sentence where a policy acts with a robot that is in no episode; else nothing."""
-    robots = {str(each.get("robot") or "") for each in info.episode_metadata if "task" in each}
+    robots, _all_named = episode_robots(info)
     if robots:
-        here, there = _robot(config, config.env.robot), sorted(_robot(config, name) for name in robots)
+        here = robot_name(config.env, config.env.robot)
+        there = sorted({robot_name(config.env, name) for name in robots})
     else:  # of another program, which says at most the kind that LeRobot knows
         _, _, here = task_layout(config)
         named = all(robot.lerobot_type for robot in config.env.make_task().robots)
@@ -158,12 +160,6 @@ def _other_robot(info: DatasetInfo, config: TrainRunConfig) -> str:
         f"dataset={info.root} was recorded with {' and '.join(there)}, and the policy is evaluated with "
         f"{here}. robot= names the robot of the evaluation."
     )
-
-
-def _robot(config: TrainRunConfig, name: str) -> str:
-    """Returns a robot's name; that of the task's own where none is given."""
-    own = config.env.replace(robot="", scenario={}).make_task().robots
-    return name or "+".join(robot.name for robot in own)
 
 
 def _check_tasks(info: DatasetInfo, config: TrainRunConfig) -> None:
@@ -191,8 +187,8 @@ def _check_robots(info: DatasetInfo, config: TrainRunConfig) -> None:
         here = robot_name(config.env, config.env.robot)
         raise ConfigError(
             f"dataset={info.root} holds demonstrations of {' and '.join(others)}, and the run is of {here}, "
-            f"where the same joint positions are another posture. Add robot={others[0]}, or name a dataset "
-            f"that holds demonstrations of {here}, too."
+            "where the same joint positions are another posture. Give robot= of the demonstrations, or name "
+            f"a dataset that holds demonstrations of {here}, too."
         )
 
 

@@ -49,8 +49,8 @@ def learned_in_run(folder: Path, trained: TrainRunConfig) -> Learned:
     if not trained.dataset:
         return Learned((trained.env.robot,))
     facts = read_facts(folder, "collect")
-    if robots := facts.get("robots"):
-        return Learned(tuple(map(str, robots)))
+    if "robots" in facts:
+        return Learned(tuple(map(str, facts["robots"])), tuple(map(str, facts.get("actions") or ())))
     before = facts.get("dataset_hash")  # of a run that is older than the record of its robots
     return _learned_at(Path(trained.dataset), lambda info: dataset_hash(info.root) == before)
 
@@ -157,7 +157,7 @@ def _learned_at(root: Path, is_same: Callable[[DatasetInfo], bool]) -> Learned:
     try:
         info = DatasetInfo.open(root)
         return learned_in(info) if is_same(info) else Learned()
-    except (DatasetError, PolicyError, ValueError):
+    except (DatasetError, PolicyError, OSError, ValueError):
         return Learned()
 
 

@@ -198,14 +198,16 @@ def test_after_a_plugin_that_failed_the_next_reader_sees_the_same_error_and_then
     assert registry.names() == ["Their"]
 
 
-def test_names_of_installed_packages_are_there_beside_a_plugin_that_failed(tmp_path, monkeypatch):
+def test_names_of_other_plugins_and_packages_are_there_beside_a_plugin_that_failed(tmp_path, monkeypatch):
     install(tmp_path, monkeypatch, "theirs", {"Their": "json:loads"})
-    monkeypatch.setenv(PLUGINS_VARIABLE, "plugin_of_nobody")
+    tmp_path.joinpath("later_plugin.py").write_text("import builtins\nbuiltins.registry.add('Mine', 7)\n")
+    monkeypatch.setenv(PLUGINS_VARIABLE, "plugin_of_nobody,later_plugin")
     registry = Registry("thing", GROUP)
+    monkeypatch.setattr("builtins.registry", registry, raising=False)
     registry.add("Ours", 1)
     with pytest.raises(ConfigError, match="'plugin_of_nobody' cannot be imported"):
         registry.names()
-    assert registry.names_so_far() == ["Ours", "Their"]
+    assert registry.names_so_far() == ["Mine", "Ours", "Their"]
 
 
 @pytest.mark.parametrize(
@@ -226,6 +228,16 @@ def test_a_plugin_whose_name_is_misspelt_suggests_the_nearest(tmp_path, monkeypa
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setenv(PLUGINS_VARIABLE, name)
     with pytest.raises(ConfigError, match=r"No module named .*\. Did you mean 'lift_block'\? Install it"):
+        load_plugins()
+    sys.modules.pop("lift_block", None)
+
+
+def test_a_module_that_a_package_lacks_suggests_no_other_plugin(tmp_path, monkeypatch):
+    (tmp_path / "lift_block").mkdir()
+    (tmp_path / "lift_block/__init__.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv(PLUGINS_VARIABLE, "lift_block.tsk")
+    with pytest.raises(ConfigError, match=r"No module named 'lift_block\.tsk'\. Install it"):
         load_plugins()
     sys.modules.pop("lift_block", None)
 

@@ -70,12 +70,20 @@ def test_unknown_suite_suggests_the_nearest():
         (("PickCube", "PickCube"), "names the task 'PickCube' twice"),
         ("PickCube", "must be a list of names"),
         ((3,), "must be a list of names"),
+        (None, "must be a list of names"),
     ],
 )
 def test_a_suite_that_is_none_is_refused(monkeypatch, names, said):
     monkeypatch.setattr(suites, "SUITES", own := Registry("suite"))
     own.add("odd", lambda: names)
     with pytest.raises(ConfigError, match=said):
+        suite_tasks("odd")
+
+
+def test_a_suite_whose_function_fails_is_named_with_the_error(monkeypatch):
+    monkeypatch.setattr(suites, "SUITES", own := Registry("suite"))
+    own.add("odd", lambda: {}["gone"])
+    with pytest.raises(ConfigError, match=r"The suite 'odd' cannot be made: KeyError: 'gone'"):
         suite_tasks("odd")
 
 

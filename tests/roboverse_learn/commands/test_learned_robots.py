@@ -15,7 +15,14 @@ from safetensors.numpy import save_file
 from envs.core.atomic import write_json
 from envs.spec import EnvSpec
 from policies.checkpoint import CONFIG, WEIGHTS
-from roboverse_learn.commands.learned_robots import Learned, learned_in, other_robots, warn_of_joints
+from roboverse_learn.commands import learned_robots
+from roboverse_learn.commands.learned_robots import (
+    Learned,
+    learned_in,
+    learned_in_run,
+    other_robots,
+    warn_of_joints,
+)
 from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoint_to_test
 from roboverse_learn.config.compose import compose
@@ -86,9 +93,19 @@ def test_a_run_on_a_dataset_of_another_robot_warns_and_records_it(
     assert to_test(run, "robot=iiwa").config["learned_robots"] == ["franka"]
     assert SAID in caplog.text
     caplog.clear()
-    for word in ("robot=franka", "level=0"):
-        assert "learned_robots" not in to_test(run, *([word] if "robot" in word else [])).config
+    for words in (["robot=franka"], []):
+        assert "learned_robots" not in to_test(run, *words).config
     assert not caplog.records
+
+
+def test_a_run_that_recorded_its_robots_reads_no_dataset(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = write([""])
+    facts = {"dataset_hash": dataset_hash(root), "actions": ["j1", "j2"]}
+    monkeypatch.setattr(learned_robots, "dataset_hash", None)
+    trained = compose("train", ["policy=act", f"dataset={root}"])
+    for robots in ([], ["", "iiwa"]):
+        run = write_run(f"dataset={root}", f"train.steps={100 + len(robots)}", robots=robots, **facts)
+        assert learned_in_run(run, trained) == Learned(tuple(robots), ("j1", "j2"))
 
 
 def test_a_mixture_that_holds_the_robot_gets_no_warning(caplog: pytest.LogCaptureFixture) -> None:
