@@ -10,6 +10,7 @@ from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
+from envs.robots import ROBOTS
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.dataset_layout import task_layout
 from roboverse_learn.commands.learned_robots import (
@@ -185,10 +186,11 @@ def _check_robots(info: DatasetInfo, config: TrainRunConfig) -> None:
     others = other_robots(Learned(robots), config.env) if all_named else []
     if others and moves_joints(config.env.make_task()):
         here = robot_name(config.env, config.env.robot)
+        one = next((f"Give robot={name}, or name" for name in others if name in ROBOTS), "Name")
         raise ConfigError(
             f"dataset={info.root} holds demonstrations of {' and '.join(others)}, and the run is of {here}, "
-            "where the same joint positions are another posture. Give robot= of the demonstrations, or name "
-            f"a dataset that holds demonstrations of {here}, too."
+            f"where the same joint positions are another posture. {one} a dataset that holds demonstrations "
+            f"of {here}, too."
         )
 
 

@@ -103,7 +103,7 @@ def merged(root, robots):
 @pytest.mark.parametrize(
     ("robots", "acts", "said"),
     [
-        ([""], "iiwa", r"demonstrations of franka, and the run is of iiwa, .* Add robot=franka, or name"),
+        ([""], "iiwa", r"demonstrations of franka, and the run is of iiwa, .* Give robot=franka, or name"),
         (["ur5e", "iiwa"], "franka", r"demonstrations of iiwa and ur5e, and the run is of franka, .*=iiwa,"),
     ],
 )
@@ -139,7 +139,7 @@ def test_raw_states_that_are_truncated_or_missing_are_found_before_a_run_begins(
 )
 def test_a_mixture_with_the_robot_and_actions_of_the_hand_are_learned_from(tmp_path, robots, words):
     found = given_dataset(compose("train", ["policy=act", merged(tmp_path / "merged", robots), *words]))
-    assert found.robots == sorted(robots)
+    assert found.learned["robots"] == sorted(robots)
 
 
 @pytest.mark.parametrize(
