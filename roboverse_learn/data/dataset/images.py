@@ -5,9 +5,8 @@ import io
 import logging
 import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -16,23 +15,24 @@ from envs.core.atomic import atomic_path
 from envs.core.errors import DatasetError
 from envs.core.machine import num_cores
 from roboverse_learn.data.dataset.damage import broken_file
+from roboverse_learn.data.dataset.decoders import Decoders, VideoJob
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.schema import video_keys
 from roboverse_learn.data.dataset.tables import read_parquet
 from roboverse_learn.data.dataset.video import check_frames, decode_video
 from roboverse_learn.data.free_memory import free_memory_bytes
-from roboverse_learn.data.processes import end_with_parent, script_of_processes
-from roboverse_learn.data.shared_images import Place, can_share, to_fill
 from roboverse_learn.folder_lock import lock_directory
 
 _LOG = logging.getLogger(__name__)
 CACHE_DIRECTORY = ".cache"
-FRAMES_A_PROCESS = 10_000
-"""Fewer are decoded by threads: a process takes half a second to start."""
 
 
 def load_images(
-    info: DatasetInfo, keys: list[str], memory_fraction: float, num_threads: int
+    info: DatasetInfo,
+    keys: list[str],
+    memory_fraction: float,
+    num_threads: int,
+    decoders: Decoders | None = None,
 ) -> dict[str, np.ndarray]:
     """Decodes image features.
 
@@ -41,6 +41,7 @@ def load_images(
         keys: Image features.
         memory_fraction: Share of the free memory that they may take; beyond it they are memory-mapped.
         num_threads: Files decoded side by side, by processes if they are many and by threads otherwise.
+        decoders: Processes to do it, which also decode other datasets; by default there are new ones.
 
     Returns:
         uint8 (num_frames, C, H, W) by key.
@@ -53,11 +54,11 @@ def load_images(
     if not in_memory:
         return {key: _mapped(info, key, shape, num_threads) for key, shape in shapes.items()}
     videos = {key: shape for key, shape in shapes.items() if info.features[key]["dtype"] != "image"}
-    processes = min(num_threads, len(videos) * info.num_frames // FRAMES_A_PROCESS)
-    if processes <= 2 or not can_share():
-        videos = {}
-    images = _decoded_by_processes(info, videos, processes) if videos else {}
-    for key in shapes.keys() - videos.keys():
+    images: dict[str, np.ndarray] = {}
+    with nullcontext(decoders) if decoders else Decoders(len(videos) * info.num_frames, num_threads) as used:
+        if used.count and videos:
+            images = used.decode(videos, {key: _video_jobs(info, key) for key in videos})
+    for key in shapes.keys() - images.keys():
         images[key] = np.empty(shapes[key], dtype=np.uint8)
         _decode(info, key, images[key], num_threads)
     return {key: images[key] for key in keys}
@@ -71,7 +72,7 @@ def damaged_videos(info: DatasetInfo) -> list[DatasetError]:
     """
     jobs = [job for key in video_keys(info.features) for job in _video_jobs(info, key)]
 
-    def damage(job: tuple[Path, np.ndarray, np.ndarray]) -> DatasetError | None:
+    def damage(job: VideoJob) -> DatasetError | None:
         try:
             check_frames(job[0], job[1])
         except DatasetError as error:
@@ -94,37 +95,6 @@ def _resident_shape(info: DatasetInfo, key: str) -> tuple[int, int, int, int]:
     return info.num_frames, channels, height, width
 
 
-def _decoded_by_processes(
-    info: DatasetInfo, shapes: dict[str, tuple[int, int, int, int]], count: int
-) -> dict[str, np.ndarray]:
-    """Returns the frames of videos, decoded by processes: many threads wait for the interpreter's lock."""
-    jobs = [(key, *job) for key in shapes for job in _video_jobs(info, key)]
-    pieces = [jobs[first :: 4 * count] for first in range(min(4 * count, len(jobs)))]
-    with (
-        to_fill(shapes) as places,
-        script_of_processes(None),
-        ProcessPoolExecutor(count, get_context("spawn"), end_with_parent) as pool,
-    ):
-        futures = [pool.submit(_fill, places, piece) for piece in pieces]
-        try:
-            for future in futures:
-                future.result()
-        except BrokenProcessPool as error:
-            raise DatasetError(
-                "A process that decodes videos died; out of memory? Free some, or take fewer demonstrations."
-            ) from error
-        finally:
-            pool.shutdown(cancel_futures=True)
-        return {key: place.open(write=True) for key, place in places.items()}
-
-
-def _fill(places: dict[str, Place], jobs: list[tuple[str, Path, np.ndarray, np.ndarray]]) -> None:
-    """Decodes videos in one of several processes."""
-    images = {key: place.open(write=True) for key, place in places.items()}
-    for key, path, times, rows in jobs:
-        decode_video(path, times, rows, images[key])
-
-
 def _decode(info: DatasetInfo, key: str, out: np.ndarray, num_threads: int) -> None:
     """Fills ``out`` (N, C, H, W) with the frames of a feature."""
     if info.features[key]["dtype"] == "image":
@@ -141,7 +111,7 @@ def _decode(info: DatasetInfo, key: str, out: np.ndarray, num_threads: int) -> N
             pool.shutdown(cancel_futures=True)
 
 
-def _video_jobs(info: DatasetInfo, key: str) -> Iterator[tuple[Path, np.ndarray, np.ndarray]]:
+def _video_jobs(info: DatasetInfo, key: str) -> Iterator[VideoJob]:
     """Yields each video with the times wanted from it and the frames they are."""
     by_file: dict[Path, list[int]] = {}
     for episode in range(info.num_episodes):

@@ -6,6 +6,8 @@ also where training samples them unequally often (``train.mixing``).
 Shape legend: N = frames, B = batch, T = time steps of a window, D = entries of a vector.
 """
 
+import logging
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from envs.core.errors import DatasetError
+from envs.core.machine import num_cores
 from policies.learned_tasks import TASK_INDEX, Instructions, LearnedTask
+from roboverse_learn.data.dataset.decoders import Decoders
 from roboverse_learn.data.dataset.frame_table import FrameTable
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.reader import ResidentDataset
@@ -24,7 +28,11 @@ from roboverse_learn.data.dataset.stats import QUANTILES, FeatureStats, Stats, c
 if TYPE_CHECKING:
     import torch
 
+_LOG = logging.getLogger(__name__)
 _PADDED = (STATE_KEY, ACTION_KEY)
+
+SECONDS_A_MESSAGE = 15.0
+"""Between messages on the datasets that are decoded."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +99,16 @@ class Mixture:
             folders: Folder of the dataset of each task.
             device: Where batches are wanted; see :class:`ResidentDataset`.
         """
-        return cls([ResidentDataset(root, device=device) for root in folders.values()], list(folders))
+        infos = [DatasetInfo.open(root) for root in folders.values()]
+        num_images = sum(info.num_frames * len(info.camera_keys) for info in infos)
+        parts, said = [], time.monotonic()
+        with Decoders(num_images, num_cores()) as decoders:
+            for info in infos:
+                parts.append(ResidentDataset(info, device=device, decoders=decoders))
+                if time.monotonic() - said >= SECONDS_A_MESSAGE:
+                    said = time.monotonic()
+                    _LOG.info("%d of %d datasets are decoded.", len(parts), len(infos))
+        return cls(parts, list(folders))
 
     def __len__(self) -> int:
         """Number of frames."""

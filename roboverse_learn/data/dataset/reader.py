@@ -15,6 +15,7 @@ import numpy as np
 
 from envs.core.errors import DatasetError
 from envs.core.machine import num_cores
+from roboverse_learn.data.dataset.decoders import Decoders
 from roboverse_learn.data.dataset.frame_table import FrameTable
 from roboverse_learn.data.dataset.images import load_images
 from roboverse_learn.data.dataset.info import DatasetInfo
@@ -38,12 +39,13 @@ class ResidentDataset:
     the dataset's ``.cache`` folder instead, written once.
 
     Args:
-        root: The dataset's folder.
+        root: The dataset's folder, or its metadata if they are read already.
         keys: Features to hold; all by default.
         device: Where batches are wanted. Images are moved there for good if they fit into
             ``memory_fraction`` of its free memory or leave :data:`TRAINING_BYTES` of it; else each batch is.
         memory_fraction: Share of free memory that images may take, in (0, 1].
         num_threads: Decoding threads; one per core by default.
+        decoders: Processes that decode several datasets, one after the other; by default each has its own.
 
     Attributes:
         info: The dataset's metadata.
@@ -55,21 +57,22 @@ class ResidentDataset:
 
     def __init__(
         self,
-        root: str | Path,
+        root: str | Path | DatasetInfo,
         *,
         keys: Sequence[str] | None = None,
         device: "str | torch.device" = "cpu",
         memory_fraction: float = 0.5,
         num_threads: int | None = None,
+        decoders: Decoders | None = None,
     ) -> None:
         import torch
 
-        self.info = DatasetInfo.open(root)
+        self.info = root if isinstance(root, DatasetInfo) else DatasetInfo.open(root)
         self.device = torch.device(device)
         chosen = _chosen_features(self.info, keys)
         cameras = [key for key in chosen if key in self.info.camera_keys]
         columns = self.info.read_columns([key for key in chosen if key not in cameras])
-        images = load_images(self.info, cameras, memory_fraction, num_threads or num_cores())
+        images = load_images(self.info, cameras, memory_fraction, num_threads or num_cores(), decoders)
         held = {key: torch.from_numpy(array) for key, array in images.items()}
         if self.device.type == "cpu" or self._fit_on_device(held, memory_fraction):
             held = {key: frames.to(self.device) for key, frames in held.items()}

@@ -9,7 +9,8 @@ import pytest
 
 from envs.core.errors import DatasetError, LockedError
 from roboverse_learn.data import DatasetInfo
-from roboverse_learn.data.dataset import images
+from roboverse_learn.data.dataset import decoders, images
+from roboverse_learn.data.dataset.decoders import Decoders
 from roboverse_learn.data.dataset.images import damaged_videos, load_images
 from roboverse_learn.folder_lock import lock_directory
 
@@ -20,15 +21,15 @@ pytestmark = pytest.mark.slow
 def by_processes(monkeypatch):
     if sys.platform != "linux":
         pytest.skip("only Linux shares images")
-    monkeypatch.setattr(images, "FRAMES_A_PROCESS", 5)
+    monkeypatch.setattr(decoders, "FRAMES_A_PROCESS", 5)
     used = []
-    original = images._decoded_by_processes
+    original = Decoders.decode
 
-    def counted(info, shapes, count):
-        used.append(count)
-        return original(info, shapes, count)
+    def counted(self, shapes, jobs):
+        used.append(self.count)
+        return original(self, shapes, jobs)
 
-    monkeypatch.setattr(images, "_decoded_by_processes", counted)
+    monkeypatch.setattr(Decoders, "decode", counted)
     return used
 
 
@@ -36,7 +37,7 @@ def test_processes_decode_what_threads_decode(written, by_processes, monkeypatch
     info = DatasetInfo.open(written)
     found = load_images(info, info.camera_keys, 0.5, num_threads=3)
     assert by_processes == [3]
-    monkeypatch.setattr(images, "FRAMES_A_PROCESS", 10_000)
+    monkeypatch.setattr(decoders, "FRAMES_A_PROCESS", 10_000)
     expected = load_images(info, info.camera_keys, 0.5, num_threads=3)
     assert by_processes == [3]
     assert list(found) == list(expected) == list(info.camera_keys)

@@ -1,6 +1,8 @@
 """Several datasets as one."""
 
 import re
+import sys
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from envs.core.errors import ConfigError, DatasetError
 from policies.learned_tasks import LearnedTask
 from roboverse_learn.data import DatasetInfo, DatasetWriter, ResidentDataset
+from roboverse_learn.data.dataset import decoders
 from roboverse_learn.data.dataset.mixture import Mixture
 from roboverse_learn.data.dataset.sampler import (
     EpisodeAwareSampler,
@@ -47,6 +50,33 @@ def test_frames_are_those_of_each_dataset_padded_with_zeros(folders, mixture):
             assert found[key][row].equal(expected[key][0]), key
         first_text = 0 if index < 30 else 2
         assert found["task_index"][row] == expected["task_index"][0] + first_text
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux shares images")
+def test_the_same_processes_decode_all_datasets(folders, mixture, monkeypatch):
+    made = []
+
+    def make(*args):
+        made.append(ProcessPoolExecutor(*args))
+        return made[-1]
+
+    monkeypatch.setattr(decoders, "FRAMES_A_PROCESS", 10)
+    monkeypatch.setattr(decoders, "ProcessPoolExecutor", make)
+    monkeypatch.setattr("roboverse_learn.data.dataset.mixture.num_cores", lambda: 3)
+    found = Mixture.open(folders, "cpu").sample(np.arange(40), keys=KEYS)
+    assert len(made) == 1
+    with pytest.raises(RuntimeError, match="shutdown"):
+        made[0].submit(len, "")
+    expected = mixture.sample(np.arange(40), keys=KEYS)
+    for key in KEYS:
+        assert found[key].equal(expected[key]), key
+
+
+def test_reading_datasets_says_how_far_it_is(folders, monkeypatch, caplog):
+    monkeypatch.setattr("roboverse_learn.data.dataset.mixture.SECONDS_A_MESSAGE", 0.0)
+    with caplog.at_level("INFO", "roboverse_learn.data.dataset.mixture"):
+        Mixture.open(folders, "cpu")
+    assert caplog.messages == ["1 of 2 datasets are decoded.", "2 of 2 datasets are decoded."]
 
 
 def test_instructions_are_counted_over_all_datasets_and_each_is_of_its_task(mixture):
