@@ -1,11 +1,18 @@
-"""Checks before a step: the shape of the actions, finite numbers, and a started episode."""
+"""Checks before a step: the shape of the actions, finite numbers, a started episode; and before a reset."""
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import gymnasium
 import numpy as np
 
-from envs.core.errors import RoboVerseError
+from envs.core.errors import ConfigError, RoboVerseError, unknown_name
+
+RESET_OPTIONS = ("episodes", "reset_mask")
+
+_FOR_WRAPPERS = "lerobot_"
+"""Begin of the options that LeRobot's evaluation gives its own wrappers."""
 
 
 class InvalidActionError(RoboVerseError, gymnasium.error.InvalidAction):
@@ -48,3 +55,52 @@ def wrong_shape(actions: np.ndarray, shape: tuple[int, ...], names: Sequence[str
         f"{what}, numbers of shape {shape}: {', '.join(names)}. Given: an array of {actions.dtype} of shape "
         f"{actions.shape}."
     )
+
+
+def read_reset_options(options: Mapping[str, Any] | None, num_envs: int) -> tuple[np.ndarray, Any]:
+    """Checks the options of a reset of N environments.
+
+    Args:
+        options: ``episodes`` and ``reset_mask`` of :meth:`envs.vector_env.RoboVerseVectorEnv.reset`.
+        num_envs: N.
+
+    Returns:
+        The environments to reset, and the episode of each; None where no episode is given.
+
+    Raises:
+        ConfigError: The mask is not one of N environments, or there is not one episode for each to reset.
+        UnknownNameError: There is no such option.
+    """
+    if not options:
+        return np.arange(num_envs), None
+    for name in options:
+        if name not in RESET_OPTIONS and not name.startswith(_FOR_WRAPPERS):
+            raise unknown_name("option of reset()", name, RESET_OPTIONS)
+    mask = np.asarray(options.get("reset_mask", np.ones(num_envs, bool)))
+    if mask.shape != (num_envs,):
+        raise ConfigError(
+            f"options['reset_mask'] has one bool for each of the {_counted(num_envs, 'environment')}, shape "
+            f"({num_envs},). Given: shape {mask.shape}."
+        )
+    ids = np.flatnonzero(mask)
+    if (given := options.get("episodes")) is None:
+        return ids, None
+    wanted = f"{_counted(len(ids), 'environment')} {'is' if len(ids) == 1 else 'are'} reset"
+    advice = f"Give one for each, as in options={{'episodes': env.split_indices[:{len(ids)}]}}."
+    try:
+        episodes = [operator.index(episode) for episode in given]
+    except TypeError as error:
+        raise ConfigError(
+            f"{wanted}, and options['episodes'] is a list of their episodes, which are whole numbers. "
+            f"Given: {given!r}. {advice}"
+        ) from error
+    if len(episodes) != len(ids):
+        raise ConfigError(
+            f"{wanted}, and options['episodes'] holds {_counted(len(episodes), 'episode')}: {episodes}. "
+            f"{advice}"
+        )
+    return ids, episodes
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -20,7 +20,7 @@ from envs.randomization import Randomizer, channel_rng
 from envs.scenario import Appearance
 from envs.simulators.base import EnvIds, Handler
 from envs.state import State, concatenated
-from envs.step_checks import check_step
+from envs.step_checks import check_step, read_reset_options
 from envs.tasks.base import Task
 from envs.tasks.outcomes import Outcome, outcome
 
@@ -105,8 +105,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         fps = round(self.control_hz)
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps, "autoreset_mode": autoreset_mode}
-        self.render_mode = "rgb_array"
-        self._autoreset = autoreset_mode
+        self.render_mode, self._autoreset = "rgb_array", autoreset_mode
 
     # -- properties ---------------------------------------------------------------------------------
 
@@ -265,17 +264,20 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
                 a task has fixed starts, seeds in a row give starts in a row.
             options: ``episodes``: the episode of each environment to reset; ``reset_mask`` (N,) bool:
                 which environments to reset (all of them by default).
+
+        Raises:
+            ConfigError: The episodes or the mask do not fit the environments; nothing has changed then.
+            UnknownNameError: There is no such option.
         """
-        options = dict(options or {})
-        ids = np.flatnonzero(options.get("reset_mask", np.ones(self.num_envs, bool)))
+        ids, episodes = read_reset_options(options, self.num_envs)
         if seed is not None:
             seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
             for env_id, value in enumerate(seeds):
                 if value is not None:
                     self._rngs[env_id] = np.random.default_rng(value)
-            if self._num_starts and None not in seeds and "episodes" not in options:
-                options["episodes"] = [self.split_indices[seeds[i] % self._num_starts] for i in ids]
-        self._restart(ids, options.get("episodes"))
+            if self._num_starts and None not in seeds and episodes is None:
+                episodes = [int(self.split_indices[seeds[i] % self._num_starts]) for i in ids]
+        self._restart(ids, episodes)
         return self._gym_observation(self._present()), self._info(np.zeros(self.num_envs, bool))
 
     def step(

@@ -1,4 +1,4 @@
-"""What an env refuses to step with, and that it says so in one clear error."""
+"""What an env refuses to step or to reset with, and that it says so in one clear error."""
 
 import contextlib
 from collections.abc import Iterator
@@ -6,9 +6,11 @@ from collections.abc import Iterator
 import gymnasium
 import numpy as np
 import pytest
+import torch
+from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 
 import envs
-from envs.core.errors import RoboVerseError
+from envs.core.errors import ConfigError, RoboVerseError, UnknownNameError
 from envs.step_checks import InvalidActionError, ResetNeededError
 from envs.vector_env import RoboVerseVectorEnv
 
@@ -94,6 +96,64 @@ def test_env_left_out_of_the_reset_is_an_error() -> None:
         env.reset(options={"reset_mask": np.array([True, False])})
         with pytest.raises(ResetNeededError):
             env.step(np.repeat(REST[None], 2, 0))
+
+
+AS_IN = r"Give one for each, as in options=\{'episodes': env\.split_indices\[:3\]\}\."
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"episodes": [0]},
+            rf"3 environments are reset, and options\['episodes'\] holds 1 episode: .*{AS_IN}",
+        ),
+        ({"episodes": [0, 1, 2, 3]}, r"3 environments are reset, and .* holds 4 episodes: \[0, 1, 2, 3\]\."),
+        ({"episodes": []}, r"3 environments are reset, and .* holds 0 episodes: \[\]\."),
+        ({"episodes": 3}, rf"which are whole numbers\. Given: 3\. {AS_IN}"),
+        ({"episodes": "012"}, r"which are whole numbers\. Given: '012'\."),
+        ({"episodes": [0, 1.5, 2]}, r"which are whole numbers\. Given: \[0, 1\.5, 2\]\."),
+        ({"episodes": [[0, 1, 2]]}, r"which are whole numbers\. Given: \[\[0, 1, 2\]\]\."),
+        (
+            {"episodes": [0, 1, 2], "reset_mask": np.array([False, True, False])},
+            r"1 environment is reset, and .* holds 3 episodes",
+        ),
+        ({"reset_mask": [True]}, r"one bool for each of the 3 environments, .* Given: shape \(1,\)\."),
+    ],
+)
+def test_a_reset_that_does_not_fit_the_environments_is_refused_and_changes_nothing(
+    batch: RoboVerseVectorEnv, options: dict, message: str
+) -> None:
+    batch.reset(seed=0)
+    episodes, before, draws = batch.episodes.copy(), batch.get_states().flatten(), batch._rngs[0]
+    with pytest.raises(ConfigError, match=message):
+        batch.reset(seed=1, options=options)
+    after = batch.get_states().flatten()
+    assert batch.episodes.tolist() == episodes.tolist() and batch._rngs[0] is draws
+    assert all(np.array_equal(before[key], after[key]) for key in before)
+
+
+def test_an_unknown_option_of_a_reset_is_refused_with_the_nearest(batch: RoboVerseVectorEnv) -> None:
+    with pytest.raises(UnknownNameError) as error:
+        batch.reset(options={"episode": [1, 2, 3]})
+    assert str(error.value) == (
+        "Unknown option of reset() 'episode'. Did you mean 'episodes'? Valid: episodes, reset_mask."
+    )
+
+
+def test_a_reset_takes_episodes_as_list_array_and_tensor_and_the_options_of_wrappers(
+    batch: RoboVerseVectorEnv,
+) -> None:
+    wanted = batch.split_indices[[4, 2, 7]]
+    for given in (wanted, wanted.tolist(), tuple(wanted), torch.from_numpy(wanted)):
+        batch.reset(options={"episodes": given})
+        assert batch.episodes.tolist() == wanted.tolist()
+    batch.reset(options={"episodes": wanted[:1], "reset_mask": torch.tensor([False, True, False])})
+    assert batch.episodes.tolist() == wanted[[0, 0, 2]].tolist()
+    batch.reset(seed=0, options={NEW_ROLLOUT_OPTION: True, "episodes": None})
+    seeded = batch.episodes.copy()
+    batch.reset(seed=0)
+    assert batch.episodes.tolist() == seeded.tolist()
 
 
 def test_the_errors_are_those_that_gymnasium_and_our_command_line_know() -> None:
