@@ -13,6 +13,7 @@ from roboverse_learn.data.augmentation.planner import Source
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
+from roboverse_learn.data.dataset.recorded_scene import check_not_merged, wrong_task
 from roboverse_learn.data.dataset.recording import Recording, read_recordings
 
 TIME_SHARE = 0.6
@@ -62,7 +63,8 @@ def read_sources(root: str | Path, task: Task, config: AugmentConfig) -> SourceS
     """Reads source demonstrations, and keeps those that do what most of them do.
 
     Raises:
-        ConfigError: They are of another task, robot or split, or fewer than ``augment.num_sources``.
+        ConfigError: They are of several tasks or robots, of another task, robot or split, or fewer than
+            ``augment.num_sources``.
         DatasetError: There is no dataset, it has no recorded states, or no common sequence of movements.
     """
     available = DatasetInfo.open(root).num_episodes
@@ -107,14 +109,16 @@ def _cut(
 
 
 def _check_origin(root: str | Path, task: Task, recordings: list[Recording]) -> None:
-    """Checks that recordings are of the task, of its robot and of the train split."""
+    """Checks that recordings are of the task, of its robot and of the train split, all of them."""
+    check_not_merged(root, [recording.metadata for recording in recordings])
     robot, objects = task.scenario.robots[0], [item.name for item in task.scenario.objects]
     for recording in recordings:
         facts, states = recording.metadata, recording.states
         if facts["task"] != task.name:
+            advice = wrong_task(facts["task"], task.name)
             raise ConfigError(
-                f"from={root} holds demonstrations of {facts['task']}, and task={task.name} was given. Give "
-                f"task={facts['task']}, or leave task out."
+                f"from={root} holds demonstrations of {facts['task']}, not of {task.name}. "
+                f"{advice[0].upper()}{advice[1:]}."
             )
         if facts["split"] != "train":
             raise ConfigError(

@@ -1,6 +1,6 @@
 """The scene in which episodes were recorded, and whether another environment has the same one."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,43 @@ def task_of(root: str | Path) -> str | None:
     return metadata[0].get("task") if metadata else None
 
 
+def check_not_merged(folder: str | Path, facts: Iterable[Mapping[str, Any]]) -> None:
+    """Checks that episodes are of one task and of one robot.
+
+    Args:
+        folder: The dataset, for the message.
+        facts: Metadata of its episodes.
+
+    Raises:
+        ConfigError: They are of several.
+    """
+    facts = list(facts)
+    for key in ("task", "robot"):
+        examples = {each.get(key) or "": each for each in facts}
+        if len(examples) < 2:
+            continue
+        # Episodes of the task's own robot do not name it.
+        own = {"task": lambda _: "one without a name", "robot": _robot_of}[key]
+        names = sorted({value or own(each) for value, each in examples.items()})
+        if len(names) > 1:
+            raise ConfigError(
+                f"The dataset '{folder}' has episodes of several {key}s ({', '.join(names)}). Give the "
+                "datasets that it was merged of, one by one."
+            )
+
+
+def wrong_task(recorded: str, env_task: str) -> str:
+    """Says, for a message, what to give where episodes are of another task than the environment's.
+
+    Args:
+        recorded: Theirs.
+        env_task: The environment's; where it is the default, nobody may have typed it.
+    """
+    return (
+        f"add task={recorded}" if env_task == EnvSpec().task else f"give task={recorded}, or leave task out"
+    )
+
+
 def check_same_scene(
     folder: str, recorded: Mapping[str, Any], env: EnvSpec, keys: tuple[str, ...] = _SCENE
 ) -> None:
@@ -39,14 +76,18 @@ def check_same_scene(
     for key in keys:
         was, wanted = (_words(key, value or {}) for value in (recorded.get(key), getattr(env, key)))
         if was != wanted:
+            implicit = key == "task" and env.task == EnvSpec().task
+            requested = "" if implicit else f", and {wanted} was requested"
             raise ConfigError(
-                f"The dataset '{folder}' was recorded with {was}, and {wanted} was requested. Its states "
-                f"belong to their own scene alone: {_advice(folder, key, recorded, env)}"
+                f"The dataset '{folder}' was recorded with {was}{requested}. Its states belong to their own "
+                f"scene alone: {_advice(folder, key, recorded, env)}"
             )
 
 
 def _advice(folder: str, key: str, recorded: Mapping[str, Any], env: EnvSpec) -> str:
     """Returns what to give in place of a field that differs."""
+    if key == "task" and recorded.get("task"):
+        return f"{wrong_task(recorded['task'], env.task)}."
     if key != "robot":
         return "give what they were recorded with."
     was = recorded.get("robot")
@@ -69,6 +110,10 @@ def recorded_spec(recorded: Mapping[str, Any]) -> EnvSpec:
     """Returns the environment whose robot was recorded, from an episode's metadata."""
     keys = (*_SCENE, "robot")
     return EnvSpec.from_json({key: recorded[key] for key in keys if recorded.get(key)})
+
+
+def _robot_of(recorded: Mapping[str, Any]) -> str:
+    return recorded_spec(recorded).make_task().robot.name
 
 
 def pool_indices(recordings: RecordingReader) -> list[int]:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, override
 
 from envs.playback import PlaybackEnv, ReplayActor
 from envs.rollout import in_order, rollout
-from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices
+from roboverse_learn.data.dataset.recorded_scene import check_not_merged, check_same_scene, pool_indices
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.expert import ExpertEpisodes
@@ -46,8 +46,9 @@ class RerenderSource(MadeFromDataset):
     @override
     def check(self) -> None:
         config, env = self.config, self.config.env
-        first = RecordingReader(config.from_dataset).read(0).metadata
-        check_same_scene(config.from_dataset, first, env, _SAME)
+        recordings = RecordingReader(config.from_dataset)
+        check_not_merged(config.from_dataset, recordings.info.episode_metadata)
+        check_same_scene(config.from_dataset, recordings.read(0).metadata, env, _SAME)
 
     @override
     def candidates(self) -> list[int]:

@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import Any, ClassVar, override
 
 from envs.core.errors import ConfigError
-from roboverse_learn.data.dataset.recorded_scene import check_same_scene, pool_indices, recorded_spec, task_of
+from roboverse_learn.data.dataset.recorded_scene import (
+    check_not_merged,
+    check_same_scene,
+    pool_indices,
+    recorded_spec,
+    task_of,
+)
 from roboverse_learn.data.dataset.recording import RecordingReader
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.sources.expert import ExpertEpisodes
@@ -42,13 +48,10 @@ class RetargetSource(MadeFromDataset):
 
         config, env = self.config, self.config.env
         recorded = self._recordings.read(0).metadata
-        for metadata in self._recordings.info.episode_metadata:
+        every = self._recordings.info.episode_metadata
+        check_not_merged(config.from_dataset, every)
+        for metadata in every:
             check_same_scene(config.from_dataset, metadata, env)
-            if metadata.get("robot") != recorded.get("robot"):
-                raise ConfigError(
-                    f"The dataset '{config.from_dataset}' has episodes of several robots. Give the datasets "
-                    "that it was merged of, one by one."
-                )
         source, task = recorded_spec(recorded).make_task(), env.make_task()
         if source.robot.name == task.robot.name:
             raise ConfigError(

@@ -4,7 +4,11 @@ import pytest
 
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
-from roboverse_learn.data.dataset.recorded_scene import check_same_scene
+from roboverse_learn.config.compose import compose
+from roboverse_learn.data.dataset.merge import merge
+from roboverse_learn.data.dataset.recorded_scene import check_not_merged, check_same_scene
+from roboverse_learn.data.sources import SOURCES
+from tests.roboverse_learn.data.augmentation.expert_demos import write_demos
 
 
 @pytest.mark.parametrize(
@@ -32,3 +36,56 @@ def test_another_robot_is_named_with_what_to_do(recorded, given, said):
         check_same_scene("demos", metadata, EnvSpec(robot=given), ("task", "robot"))
     assert str(refused.value) == f"The dataset 'demos' was {said}"
     check_same_scene("demos", metadata, EnvSpec(robot=recorded.get("robot", "")), ("task", "robot"))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            "PickCube",
+            "recorded with task=StackCube. Its states belong to their own scene alone: add task=StackCube.",
+        ),
+        (
+            "CloseBox",
+            "recorded with task=StackCube, and task=CloseBox was requested. Its states belong to their own "
+            "scene alone: give task=StackCube, or leave task out.",
+        ),
+    ],
+)
+def test_another_task_is_named_and_the_usual_one_is_not_said_to_be_given(given, said):
+    with pytest.raises(ConfigError) as refused:
+        check_same_scene("demos", {"task": "StackCube"}, EnvSpec(task=given))
+    assert str(refused.value) == f"The dataset 'demos' was {said}"
+
+
+@pytest.fixture(scope="module")
+def merged(tmp_path_factory):
+    """Merged datasets of several tasks and of several robots; tests only read them."""
+    place = tmp_path_factory.mktemp("merged")
+    pick = write_demos(place / "pick", "PickCube", 1)
+    stack = write_demos(place / "stack", "StackCube", 1)
+    other = write_demos(place / "other", "PickCube", 1, robot="ur5e")
+    merge([pick, stack], place / "tasks")
+    merge([pick, other], place / "robots")
+    return place
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["augment", "rerender", "retarget"])
+@pytest.mark.parametrize("words", [[], ["task=PickCube"], ["task=StackCube"], ["robot=ur5e"]], ids=str)
+@pytest.mark.parametrize(("name", "found"), [("tasks", "PickCube, StackCube"), ("robots", "franka, ur5e")])
+def test_a_merged_dataset_is_refused_in_the_same_words_whatever_task_and_robot_are_given(
+    merged, source, words, name, found
+):
+    folder = merged / name
+    config = compose("collect", [f"source={source}", f"from={folder}", "image_size=16", *words])
+    with pytest.raises(ConfigError) as refused:
+        SOURCES.get(source)(config).check()
+    assert str(refused.value) == (
+        f"The dataset '{folder}' has episodes of several {name} ({found}). Give the datasets that it was "
+        "merged of, one by one."
+    )
+
+
+def test_a_robot_that_is_named_and_is_the_tasks_own_is_one_robot():
+    check_not_merged("demos", [{"task": "PickCube"}, {"task": "PickCube", "robot": "franka"}])

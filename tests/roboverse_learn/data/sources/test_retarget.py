@@ -101,7 +101,7 @@ def test_scene_and_robot_must_fit_the_dataset(demos, monkeypatch):
     with monkeypatch.context() as patched:
         both = [{"task": "PickCube"}, {"task": "PickCube", "robot": "iiwa"}]
         patched.setattr(DatasetInfo, "episode_metadata", both)
-        with pytest.raises(ConfigError, match=r"has episodes of several robots\. Give the datasets that"):
+        with pytest.raises(ConfigError, match=r"of several robots \(franka, iiwa\)\. Give the datasets that"):
             collect_dataset(config(demos, "robot=ur5e"))
     other = compose("collect", ["source=retarget", f"from={demos}", "robot=ur5e", "task=StackCube"])
     with pytest.raises(ConfigError, match=r"recorded with task=PickCube, and task=StackCube was requested"):
