@@ -64,8 +64,8 @@ class TeleopSource(DemonstrationSource):
 
     @override
     def count_part(self) -> str:
-        """Leaves the number out where all recordings are taken: there are fewer, and the dataset grows."""
-        return super().count_part() if len(self._files()) >= self.config.collect.num_demos else ""
+        """Leaves the number out where all recordings are taken: the dataset grows with their folder."""
+        return super().count_part() if len(self._files()) > self.config.collect.num_demos else ""
 
     @override
     def name_part(self) -> str:

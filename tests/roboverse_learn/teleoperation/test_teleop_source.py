@@ -92,7 +92,7 @@ def test_recorded_controls_succeed_in_physics(place):
 
 
 @pytest.mark.slow
-def test_a_folder_is_named_after_the_number_only_if_it_holds_so_many(place):
+def test_a_folder_is_named_after_the_number_only_if_that_leaves_recordings_out(place):
     words = [*SMALL, "source=teleop", f"path={place / 'PickCube' / 'recordings'}"]
     names = {
         count: dataset_folder(compose("collect", [*words, f"num_demos={count}"])).name for count in (1, 2, 3)
@@ -100,7 +100,7 @@ def test_a_folder_is_named_after_the_number_only_if_it_holds_so_many(place):
     rest = "level0-mujoco-warp-32px"
     assert names == {
         1: f"{rest}-1demos-teleop-recordings",
-        2: f"{rest}-2demos-teleop-recordings",
+        2: f"{rest}-teleop-recordings",
         3: f"{rest}-teleop-recordings",
     }
 
@@ -156,6 +156,16 @@ def test_teleoperation_continues_where_it_was(place):
     assert [each.facts["episode"] for each in made] == last
     assert collected(place, "more").num_episodes == 3
     assert collected(place, "level0").num_episodes == 3  # a dataset grows with its folder
+
+
+@pytest.mark.slow
+def test_a_session_that_is_continued_with_more_demonstrations_grows_one_dataset(tmp_path):
+    for count in (1, 2):
+        words = [*SMALL, "actor=expert", f"num_demos={count}", f"datasets_dir={tmp_path}"]
+        teleoperate(compose("teleoperate", words))
+    (dataset,) = (tmp_path / "PickCube").glob("*-teleop-recordings")
+    assert DatasetInfo.open(dataset).num_episodes == 2
+    assert sorted(path.name for path in dataset.parent.iterdir()) == [dataset.name, "recordings"]
 
 
 @pytest.mark.long
