@@ -248,6 +248,7 @@ def check_settings(
     now: Mapping[str, Any],
     keys: Collection[str] | None = None,
     advice: str = "Use the same settings, or choose another folder.",
+    what: str = "dataset",
 ) -> None:
     """Checks that a dataset was collected with the settings that are given.
 
@@ -257,6 +258,7 @@ def check_settings(
         now: Those that are given.
         keys: Which of them must be the same; all by default.
         advice: What to do where some differ.
+        what: What the folder is, for the message.
 
     Raises:
         DatasetError: Some differ.
@@ -266,7 +268,7 @@ def check_settings(
     other = sorted(key for key in compared if before.get(key) != now.get(key))
     if other:
         raise DatasetError(
-            f"The dataset '{root}' was begun with {_words(before, other)}; now given: {_words(now, other)}. "
+            f"The {what} '{root}' was begun with {_words(before, other)}; now given: {_words(now, other)}. "
             f"{advice}"
         )
 

@@ -9,9 +9,11 @@ import torch
 
 from envs.core.errors import ConfigError, DatasetError
 from envs.core.fingerprint import file_hash
+from envs.spec import EnvSpec
 from envs.state import State
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here, read_info
+from roboverse_learn.data.dataset.recorded_scene import recorded_spec
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.importers.demonstration import Demonstration
 from roboverse_learn.data.importers.replayer import Replay, Replayer
@@ -44,7 +46,7 @@ class TeleopSource(DemonstrationSource):
                 f"{self.config.replay} does not reach. Leave out replay=."
             )
         for facts in open_recordings(path).values():
-            check_settings(path, facts["scene"], scene_of(self.config.env))
+            _check_scene(path, facts["scene"], self.config.env)
         if not self._files():
             what = "success with a correction" if self.config.only_corrections else "success"
             raise DatasetError(f"path={path}: no recording is marked as a {what}. Steer some more episodes.")
@@ -105,6 +107,34 @@ class TeleopSource(DemonstrationSource):
         return {
             episode: path for episode, path in found.items() if Recording.read(path).taken_over is not None
         }
+
+
+def _check_scene(path: Path, recorded: Mapping[str, Any], env: EnvSpec) -> None:
+    """Checks that recordings are of the environment's scene.
+
+    Raises:
+        DatasetError: They are of another.
+    """
+    advice = _advice(recorded.get("task", ""), env.task, EnvSpec().task, "task")
+    robot = recorded.get("robot", "")
+    by = (
+        ""
+        if robot == env.robot
+        else f" by the robot '{robot or recorded_spec(recorded).make_task().robot.name}'"
+    )
+    advice += _advice(robot, env.robot, "", "robot")
+    if advice:
+        raise DatasetError(f"path={path} holds recordings of {recorded['task']}{by}: {' and '.join(advice)}.")
+    check_settings(path, recorded, scene_of(env), what="folder of recordings")
+
+
+def _advice(recorded: str, given: str, usual: str, key: str) -> list[str]:
+    """Returns what to do about a key where the recordings were made with another value than the one given."""
+    if recorded == given:
+        return []
+    if not recorded:
+        return [f"leave out {key}={given}"]
+    return [f"add {key}={recorded}" if given == usual else f"give {key}={recorded} in place of {key}={given}"]
 
 
 class TeleopEpisodes(ExpertEpisodes):

@@ -199,10 +199,54 @@ def test_other_scenes_and_no_recordings_are_reported(place, tmp_path):
     with pytest.raises(DatasetError, match="there is no recording of teleoperation"):
         words = [*SMALL, "source=teleop", f"path={tmp_path}", f"dataset={tmp_path / 'out'}"]
         collect_dataset(compose("collect", words))
-    with pytest.raises(DatasetError, match="was begun with task='PickCube'; now given: task='StackCube'"):
-        collected(place, "other", "task=StackCube")
+    with pytest.raises(
+        DatasetError, match=r"The folder of recordings .* was begun with task_kwargs=\{\}; now"
+    ):
+        collected(place, "other", "task_kwargs.variant=lift")
     with pytest.raises(ConfigError, match="source=teleop needs path="):
         compose("collect", [*SMALL, "source=teleop"])
+
+
+@pytest.mark.parametrize(
+    ("recorded", "given", "said"),
+    [
+        (["task=StackCube"], [], "of StackCube: add task=StackCube."),
+        ([], ["task=StackCube"], "of PickCube: give task=PickCube in place of task=StackCube."),
+        (["robot=iiwa"], [], "of PickCube by the robot 'iiwa': add robot=iiwa."),
+        ([], ["robot=iiwa"], "of PickCube by the robot 'franka': leave out robot=iiwa."),
+        (
+            ["robot=iiwa"],
+            ["robot=ur5e"],
+            "of PickCube by the robot 'iiwa': give robot=iiwa in place of robot=ur5e.",
+        ),
+        (
+            ["task=StackCube", "robot=iiwa"],
+            [],
+            "of StackCube by the robot 'iiwa': add task=StackCube and add robot=iiwa.",
+        ),
+    ],
+)
+def test_recordings_of_another_task_or_robot_say_what_to_give(recorded, given, said, tmp_path):
+    folder = tmp_path / "recordings"
+    write_recording(folder, scene_of(compose("teleoperate", ["task=PickCube", *recorded]).env))
+    source = SOURCES.get("teleop")(compose("collect", ["source=teleop", f"path={folder}", *given]))
+    with pytest.raises(DatasetError) as refused:
+        source.check()
+    assert str(refused.value) == f"path={folder} holds recordings {said}"
+
+
+def write_recording(folder, scene):
+    """Writes a success of one step in a scene."""
+    recording = Recording(
+        states={"time": np.zeros((2, 1))},
+        actions=np.zeros((1, 8), np.float32),
+        hand_actions=np.zeros((1, 7), np.float32),
+        successes=np.ones(1, bool),
+        interventions=np.ones(1, bool),
+        facts={"scene": scene, "episode": 3, "mark": str(Mark.SUCCESS)},
+    )
+    with contextlib.closing(RecordingFolder(folder, scene)) as opened:
+        opened.add(recording)
 
 
 def test_a_task_without_an_arm_to_steer_is_reported(tmp_path):
@@ -256,17 +300,7 @@ def test_recordings_of_a_changed_scene_have_a_folder_of_their_own():
 def test_the_printed_command_renders_the_recordings_of_a_changed_scene(words, tmp_path):
     folder = tmp_path / "what I've recorded"
     config = compose("teleoperate", [*words, f"recordings={folder}", f"datasets_dir={tmp_path / 'my data'}"])
-    scene = scene_of(config.env)
-    recording = Recording(
-        states={"time": np.zeros((2, 1))},
-        actions=np.zeros((1, 8), np.float32),
-        hand_actions=np.zeros((1, 7), np.float32),
-        successes=np.ones(1, bool),
-        interventions=np.ones(1, bool),
-        facts={"scene": scene, "episode": 3, "mark": str(Mark.SUCCESS)},
-    )
-    with contextlib.closing(RecordingFolder(folder, scene)) as opened:
-        opened.add(recording)
+    write_recording(folder, scene_of(config.env))
     program, command, *typed = shlex.split(collect_command(config, recordings_folder(config)))
     again = compose(command, typed)
     SOURCES.get("teleop")(again).check()
