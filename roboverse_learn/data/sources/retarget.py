@@ -72,7 +72,14 @@ class RetargetSource(MadeFromDataset):
     @override
     def outcome(self, num_kept: int, num_attempts: int) -> str:
         share = 100 * num_kept / max(num_attempts, 1)
-        return f"{num_kept} of {num_attempts} retargeted demonstrations were kept ({share:.1f} %)"
+        said = f"{num_kept} of {num_attempts} retargeted demonstrations were kept ({share:.1f} %)"
+        held, wanted = len(self._recordings), self.config.collect.num_demos
+        if wanted <= held:
+            return said
+        return (
+            f"{said}; num_demos={wanted} is not reached: from={self.config.from_dataset} holds {held} "
+            "demonstrations, and each gives one at most"
+        )
 
     @override
     def advice_for_task(self) -> str:

@@ -69,6 +69,16 @@ def test_more_demonstrations_than_num_demos_are_said_to_be_of_before(demos, tmp_
 
 
 @pytest.mark.slow
+def test_fewer_demonstrations_than_num_demos_are_said_to_be_all_that_the_dataset_holds(demos, tmp_path):
+    made = collect_dataset(config(demos, "robot=ur5e", "num_demos=50", f"dataset={tmp_path / 'made'}"))
+    assert made.num_episodes == 3
+    assert made.outcome == (
+        f"3 of 3 retargeted demonstrations were kept (100.0 %); num_demos=50 is not reached: from={demos} "
+        "holds 3 demonstrations, and each gives one at most"
+    )
+
+
+@pytest.mark.slow
 def test_only_episodes_that_solve_the_task_are_kept(demos, tmp_path, monkeypatch):
     from roboverse_learn.data.retargeting.planner import RetargetPlanner
 
