@@ -19,7 +19,7 @@ from roboverse_learn.data.collection.pool import attempts, check_not_in_a_worker
 from roboverse_learn.data.collection.schedule import Schedule
 from roboverse_learn.data.dataset.images import damaged_videos
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.data.dataset.raw import dataset_hash
+from roboverse_learn.data.dataset.raw import dataset_hash, has_raw
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def collect(
     Raises:
         TooFewSuccessesError: The candidates do not give enough successes, or will not.
         DatasetError: The disk is full, a worker died, or the dataset was started with other settings, or has
-            a damaged video.
+            a damaged video, or lacks raw states of an episode.
     """
     check_not_in_a_worker()
     start = time.monotonic()
@@ -115,7 +115,7 @@ def collect(
         wait=True,
     ) as writer:
         if writer.num_episodes:
-            _check_videos(DatasetInfo.open(config.root))
+            _check_files(DatasetInfo.open(config.root))
         schedule = Schedule(
             writer,
             config.candidates,
@@ -146,15 +146,16 @@ def collect(
     )
 
 
-def _check_videos(info: DatasetInfo) -> None:
-    """Checks that what earlier runs collected can be trained on.
+def _check_files(info: DatasetInfo) -> None:
+    """Checks that what earlier runs collected can be trained on and rendered again.
 
     Raises:
-        DatasetError: A video is absent or damaged, or lacks frames.
+        DatasetError: A video is absent or damaged, or lacks frames, or an episode has no raw states.
     """
     if damaged := damaged_videos(info):
         every = f" {len(damaged)} videos are damaged: roboverse dataset info dataset={info.root} names each."
         raise DatasetError(f"{damaged[0]}{every * (len(damaged) > 1)}")
+    has_raw(info)
 
 
 def _run(config: CollectionConfig, schedule: Schedule, report: "_Reporter") -> None:

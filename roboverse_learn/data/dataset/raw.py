@@ -43,6 +43,22 @@ def check_raw(root: str | Path, episode: int) -> None:
     read_header(_raw_file(root, episode))
 
 
+def has_raw(info: DatasetInfo) -> bool:
+    """Whether the episodes of a dataset have raw states; one of somebody else's may have none.
+
+    Raises:
+        DatasetError: Some have them and others have not; it names the first that is missing.
+    """
+    files = [info.raw_file(index) for index in range(info.num_episodes)]
+    missing = [path for path in files if not path.exists()]
+    if 0 < len(missing) < len(files):
+        raise DatasetError(
+            f"'{missing[0]}' is missing, and other episodes have theirs. Restore it from a copy, or delete "
+            "the dataset's folder and collect it again."
+        )
+    return not missing
+
+
 def _raw_file(root: str | Path, episode: int) -> Path:
     path = Path(root) / RAW_PATH.format(episode_index=episode)
     if not path.exists():
@@ -71,19 +87,12 @@ def dataset_hash(root: str | Path) -> str:
     for key, values in sorted(info.read_columns().items()):
         _update(digest, key, values)
     digest.update(json.dumps([list(info.tasks), info.fps]).encode())
-    has_raw = [info.raw_file(index).exists() for index in range(info.num_episodes)]
-    if any(has_raw) and not all(has_raw):  # a dataset of somebody else's may have none at all
-        missing = info.raw_file(has_raw.index(False))
-        raise DatasetError(
-            f"'{missing}' is missing, and other episodes have theirs. Restore it, or collect again."
-        )
-    for index in range(info.num_episodes):
-        if has_raw[index]:
-            arrays, metadata = read_raw(root, index)
-            kept = {name: value for name, value in metadata.items() if name not in VOLATILE_METADATA}
-            digest.update(json.dumps(kept, sort_keys=True).encode())
-            for name, values in sorted(arrays.items()):
-                _update(digest, name, values)
+    for index in range(info.num_episodes) if has_raw(info) else ():
+        arrays, metadata = read_raw(root, index)
+        kept = {name: value for name, value in metadata.items() if name not in VOLATILE_METADATA}
+        digest.update(json.dumps(kept, sort_keys=True).encode())
+        for name, values in sorted(arrays.items()):
+            _update(digest, name, values)
     _update_images(digest, info)
     for key in video_keys(info.features):
         files = dict.fromkeys(info.video_file(index, key) for index in range(info.num_episodes))

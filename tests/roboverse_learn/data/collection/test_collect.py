@@ -118,6 +118,15 @@ def test_a_damaged_video_is_refused_before_anything_is_collected(tmp_path, num_e
     assert DatasetInfo.open(tmp_path / "d").num_episodes == 3
 
 
+def test_raw_states_that_are_missing_are_refused_before_anything_is_collected(tmp_path):
+    collect(config(tmp_path / "d", num_episodes=3))
+    missing = DatasetInfo.open(tmp_path / "d").raw_file(1)
+    missing.unlink()
+    with pytest.raises(DatasetError, match=rf"{missing.name}' is missing, and other episodes have theirs"):
+        collect(config(tmp_path / "d", num_episodes=5))
+    assert DatasetInfo.open(tmp_path / "d").num_episodes == 3
+
+
 def test_other_settings_are_refused(tmp_path):
     collect(config(tmp_path / "d", num_episodes=1))
     with pytest.raises(DatasetError, match="was begun with task='PickCube'; now given: task='StackCube'"):

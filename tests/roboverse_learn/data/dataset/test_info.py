@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from envs.core.errors import DatasetError, WriteError
 from roboverse_learn.data import DatasetInfo, ResidentDataset, consolidate, dataset_hash, read_raw
+from roboverse_learn.dataset import dataset
 from tests.roboverse_learn.data.synthetic_episodes import make_episode
 
 CAMERA = "observation.images.front"
@@ -176,6 +177,17 @@ class TestHash:
     def test_another_episodes_file_changes_it(self, written, damaged, name):
         shutil.copy(damaged / name.replace("3.", "0."), damaged / name)
         assert dataset_hash(damaged) != dataset_hash(written)
+
+    def test_raw_states_that_one_episode_alone_lacks_are_named_and_none_at_all_are_no_damage(self, damaged):
+        (damaged / "raw/episode_000002.safetensors").unlink()
+        said = (
+            r"episode_000002.safetensors' is missing, and other .* or delete the dataset's folder and collect"
+        )
+        for call in (lambda: dataset_hash(damaged), lambda: dataset(["info", f"dataset={damaged}"])):
+            with pytest.raises(DatasetError, match=said):
+                call()
+        shutil.rmtree(damaged / "raw")
+        assert len(dataset_hash(damaged)) == 64
 
 
 class TestConsolidated:
