@@ -1,7 +1,7 @@
 """Processes that decode videos, for one dataset or for several one after the other."""
 
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from pathlib import Path
@@ -69,14 +69,18 @@ class Decoders:
         each = [(key, *job) for key in shapes for job in jobs[key]]
         pieces = [each[first :: 4 * self.count] for first in range(min(4 * self.count, len(each)))]
         with to_fill(shapes) as places:
-            with script_of_processes(None):
-                futures = [self._pool.submit(_fill, places, piece) for piece in pieces]
+            futures: list[Future[None]] = []
             try:
+                with script_of_processes(None):
+                    futures.extend(self._pool.submit(_fill, places, piece) for piece in pieces)
                 for future in futures:
                     future.result()
             except BrokenProcessPool as error:
+                self._pool.shutdown()  # the processes that are left still write
                 why = "out of memory? Free some, or take fewer demonstrations."
                 raise DatasetError(f"A process that decodes videos died; {why}") from error
+            finally:  # a number of memory that is closed may soon be that of another file
+                wait([future for future in futures if not future.cancel()])
             return {key: place.open(write=True) for key, place in places.items()}
 
 

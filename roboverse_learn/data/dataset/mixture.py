@@ -22,7 +22,7 @@ from roboverse_learn.data.dataset.decoders import Decoders
 from roboverse_learn.data.dataset.frame_table import FrameTable
 from roboverse_learn.data.dataset.info import DatasetInfo
 from roboverse_learn.data.dataset.reader import ResidentDataset
-from roboverse_learn.data.dataset.schema import ACTION_KEY, STATE_KEY, Feature
+from roboverse_learn.data.dataset.schema import ACTION_KEY, STATE_KEY, Feature, video_keys
 from roboverse_learn.data.dataset.stats import QUANTILES, FeatureStats, Stats, column_stats
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Mixture:
             device: Where batches are wanted; see :class:`ResidentDataset`.
         """
         infos = [DatasetInfo.open(root) for root in folders.values()]
-        num_images = sum(info.num_frames * len(info.camera_keys) for info in infos)
+        num_images = sum(info.num_frames * len(video_keys(info.features)) for info in infos)
         parts, said = [], time.monotonic()
         with Decoders(num_images, num_cores()) as decoders:
             for info in infos:

@@ -3,6 +3,7 @@
 import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -52,6 +53,7 @@ def test_frames_are_those_of_each_dataset_padded_with_zeros(folders, mixture):
         assert found["task_index"][row] == expected["task_index"][0] + first_text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux shares images")
 def test_the_same_processes_decode_all_datasets(folders, mixture, monkeypatch):
     made = []
@@ -70,6 +72,26 @@ def test_the_same_processes_decode_all_datasets(folders, mixture, monkeypatch):
     expected = mixture.sample(np.arange(40), keys=KEYS)
     for key in KEYS:
         assert found[key].equal(expected[key]), key
+
+
+def test_processes_are_as_many_as_the_videos_are_worth_not_the_images(folders, monkeypatch):
+    counted, open_info = [], DatasetInfo.open
+
+    def with_images_in_tables(root):
+        info = open_info(root)
+        depth = {"dtype": "image", "shape": (32, 32, 3), "names": ["height", "width", "channels"]}
+        return replace(info, features=info.features | {"observation.images.depth": depth})
+
+    class Counted(decoders.Decoders):
+        def __init__(self, num_images, at_most):
+            counted.append(num_images)
+            raise StopIteration
+
+    monkeypatch.setattr(DatasetInfo, "open", with_images_in_tables)
+    monkeypatch.setattr("roboverse_learn.data.dataset.mixture.Decoders", Counted)
+    with pytest.raises(StopIteration):
+        Mixture.open(folders, "cpu")
+    assert counted == [40]
 
 
 def test_reading_datasets_says_how_far_it_is(folders, monkeypatch, caplog):
