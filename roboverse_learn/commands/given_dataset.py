@@ -25,9 +25,8 @@ from roboverse_learn.commands.learned_robots import (
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
-from roboverse_learn.data.dataset.raw import dataset_hash
+from roboverse_learn.data.dataset.raw import check_all_raw, dataset_hash, has_raw
 from roboverse_learn.data.dataset.schema import ACTION_KEY, IMAGE_PREFIX, STATE_KEY, Feature
-from roboverse_learn.data.dataset.staging import read_header
 from roboverse_learn.data.sources.base import DemonstrationSource
 
 log = logging.getLogger(__name__)
@@ -87,7 +86,8 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
             its joints are those of other robots alone.
     """
     info = DatasetInfo.open(config.dataset)
-    _check_raw_states(info)
+    if has_raw(info):
+        check_all_raw(info)
     if is_collected_here(info.root):
         _check_same(info, config)
         return GivenDataset(info, config, None if config.env.only else config.env.level, config.env.only)
@@ -103,18 +103,6 @@ def given_dataset(config: TrainRunConfig) -> GivenDataset:
     if not misfit and (other := _other_robot(info, config)):
         log.warning("%s", other)
     return GivenDataset(info, config if misfit else fitted, level, only, misfit)
-
-
-def _check_raw_states(info: DatasetInfo) -> None:
-    """Checks that the files of raw states are whole, without reading them; a dataset may have none at all.
-
-    Raises:
-        DatasetError: One is truncated, or is missing where others are there.
-    """
-    files = [info.raw_file(index) for index in range(info.num_episodes)]
-    if any(path.exists() for path in files):
-        for path in files:
-            read_header(path)
 
 
 def _check_same(info: DatasetInfo, config: TrainRunConfig) -> None:

@@ -19,7 +19,7 @@ from roboverse_learn.data.collection.pool import attempts, check_not_in_a_worker
 from roboverse_learn.data.collection.schedule import Schedule
 from roboverse_learn.data.dataset.images import damaged_videos
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.data.dataset.raw import dataset_hash, has_raw
+from roboverse_learn.data.dataset.raw import check_all_raw, dataset_hash
 from roboverse_learn.data.dataset.writer import DatasetWriter
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def collect(
     Raises:
         TooFewSuccessesError: The candidates do not give enough successes, or will not.
         DatasetError: The disk is full, a worker died, or the dataset was started with other settings, or has
-            a damaged video, or lacks raw states of an episode.
+            a damaged video, or raw states of an episode are missing or damaged.
     """
     check_not_in_a_worker()
     start = time.monotonic()
@@ -150,12 +150,12 @@ def _check_files(info: DatasetInfo) -> None:
     """Checks that what earlier runs collected can be trained on and rendered again.
 
     Raises:
-        DatasetError: A video is absent or damaged, or lacks frames, or an episode has no raw states.
+        DatasetError: A video is absent or damaged, or lacks frames, or raw states of an episode are.
     """
     if damaged := damaged_videos(info):
         every = f" {len(damaged)} videos are damaged: roboverse dataset info dataset={info.root} names each."
         raise DatasetError(f"{damaged[0]}{every * (len(damaged) > 1)}")
-    has_raw(info)
+    check_all_raw(info)
 
 
 def _run(config: CollectionConfig, schedule: Schedule, report: "_Reporter") -> None:

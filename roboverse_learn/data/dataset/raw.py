@@ -44,19 +44,24 @@ def check_raw(root: str | Path, episode: int) -> None:
 
 
 def has_raw(info: DatasetInfo) -> bool:
-    """Whether the episodes of a dataset have raw states; one of somebody else's may have none.
+    """Whether any episode of a dataset has raw states; none of another program's has."""
+    return any(info.raw_file(index).exists() for index in range(info.num_episodes))
+
+
+def check_all_raw(info: DatasetInfo) -> None:
+    """Checks that the raw states of every episode are there and whole, without reading them.
 
     Raises:
-        DatasetError: Some have them and others have not; it names the first that is missing.
+        DatasetError: A file is missing or truncated; it names the first.
     """
-    files = [info.raw_file(index) for index in range(info.num_episodes)]
-    missing = [path for path in files if not path.exists()]
-    if 0 < len(missing) < len(files):
-        raise DatasetError(
-            f"'{missing[0]}' is missing, and other episodes have theirs. Restore it from a copy, or delete "
-            "the dataset's folder and collect it again."
-        )
-    return not missing
+    for path in map(info.raw_file, range(info.num_episodes)):
+        if not path.exists():
+            others = "and other episodes have theirs" if has_raw(info) else "as is that of every episode"
+            raise DatasetError(
+                f"'{path}' is missing, {others}. Restore it from a copy, or delete the dataset's folder and "
+                "collect it again."
+            )
+        read_header(path)
 
 
 def _raw_file(root: str | Path, episode: int) -> Path:
@@ -87,7 +92,10 @@ def dataset_hash(root: str | Path) -> str:
     for key, values in sorted(info.read_columns().items()):
         _update(digest, key, values)
     digest.update(json.dumps([list(info.tasks), info.fps]).encode())
-    for index in range(info.num_episodes) if has_raw(info) else ():
+    raw = has_raw(info)
+    if raw:
+        check_all_raw(info)
+    for index in range(info.num_episodes) if raw else ():
         arrays, metadata = read_raw(root, index)
         kept = {name: value for name, value in metadata.items() if name not in VOLATILE_METADATA}
         digest.update(json.dumps(kept, sort_keys=True).encode())

@@ -117,7 +117,8 @@ def test_raw_states_that_are_truncated_or_missing_are_found_before_a_run_begins(
     config = compose("train", ["policy=act", merged(tmp_path / "merged", ["", "", ""])])
     given_dataset(config)
     (tmp_path / "merged/raw/episode_000001.safetensors").rename(tmp_path / "kept")
-    with pytest.raises(DatasetError, match=r"episode_000001\.safetensors' is missing\. Restore it"):
+    missing = r"episode_000001\.safetensors' is missing, and other episodes have theirs\. Restore it"
+    with pytest.raises(DatasetError, match=missing):
         given_dataset(config)
     half = (tmp_path / "kept").read_bytes()[:-100]
     (tmp_path / "merged/raw/episode_000001.safetensors").write_bytes(half)

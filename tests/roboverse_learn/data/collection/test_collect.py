@@ -1,6 +1,7 @@
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -120,9 +121,18 @@ def test_a_damaged_video_is_refused_before_anything_is_collected(tmp_path, num_e
 
 def test_raw_states_that_are_missing_are_refused_before_anything_is_collected(tmp_path):
     collect(config(tmp_path / "d", num_episodes=3))
-    missing = DatasetInfo.open(tmp_path / "d").raw_file(1)
+    info = DatasetInfo.open(tmp_path / "d")
+    missing = info.raw_file(1)
+    whole = missing.read_bytes()
     missing.unlink()
     with pytest.raises(DatasetError, match=rf"{missing.name}' is missing, and other episodes have theirs"):
+        collect(config(tmp_path / "d", num_episodes=5))
+    missing.write_bytes(whole[:-100])
+    with pytest.raises(DatasetError, match=rf"{missing.name}' is truncated or damaged"):
+        collect(config(tmp_path / "d", num_episodes=5))
+    shutil.rmtree(missing.parent)
+    first = info.raw_file(0).name
+    with pytest.raises(DatasetError, match=rf"{first}' is missing, as is that of every episode\. Restore it"):
         collect(config(tmp_path / "d", num_episodes=5))
     assert DatasetInfo.open(tmp_path / "d").num_episodes == 3
 
