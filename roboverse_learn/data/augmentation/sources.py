@@ -13,7 +13,7 @@ from roboverse_learn.data.augmentation.planner import Source
 from roboverse_learn.data.augmentation.recording import HandReader, SourceDemo
 from roboverse_learn.data.augmentation.references import References
 from roboverse_learn.data.dataset.info import DatasetInfo
-from roboverse_learn.data.dataset.recorded_scene import check_not_merged, wrong_task
+from roboverse_learn.data.dataset.recorded_scene import check_not_merged, what_to_give
 from roboverse_learn.data.dataset.recording import Recording, read_recordings
 
 TIME_SHARE = 0.6
@@ -67,12 +67,13 @@ def read_sources(root: str | Path, task: Task, config: AugmentConfig) -> SourceS
             ``augment.num_sources``.
         DatasetError: There is no dataset, it has no recorded states, or no common sequence of movements.
     """
-    available = DatasetInfo.open(root).num_episodes
-    if config.num_sources > available:
+    info = DatasetInfo.open(root)
+    if config.num_sources > info.num_episodes:
         raise ConfigError(
-            f"augment.num_sources={config.num_sources} was given, and from={root} holds {available} "
+            f"augment.num_sources={config.num_sources} was given, and from={root} holds {info.num_episodes} "
             "demonstrations. Give at most as many, or collect more there."
         )
+    check_not_merged(root, info.episode_metadata)
     recordings = read_recordings(root, config.num_sources)
     _check_origin(root, task, recordings)
     reader, references = HandReader.of(task), References(task.scenario)
@@ -109,16 +110,14 @@ def _cut(
 
 
 def _check_origin(root: str | Path, task: Task, recordings: list[Recording]) -> None:
-    """Checks that recordings are of the task, of its robot and of the train split, all of them."""
-    check_not_merged(root, [recording.metadata for recording in recordings])
+    """Checks that recordings are of the task, of its robot and of the train split."""
     robot, objects = task.scenario.robots[0], [item.name for item in task.scenario.objects]
     for recording in recordings:
         facts, states = recording.metadata, recording.states
         if facts["task"] != task.name:
-            advice = wrong_task(facts["task"], task.name)
             raise ConfigError(
-                f"from={root} holds demonstrations of {facts['task']}, not of {task.name}. "
-                f"{advice[0].upper()}{advice[1:]}."
+                f"from={root} holds demonstrations of {facts['task']}, and task={task.name} was given: "
+                f"{what_to_give('task', facts['task'])}."
             )
         if facts["split"] != "train":
             raise ConfigError(

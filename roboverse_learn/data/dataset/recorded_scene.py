@@ -38,7 +38,7 @@ def check_not_merged(folder: str | Path, facts: Iterable[Mapping[str, Any]]) -> 
         if len(examples) < 2:
             continue
         # Episodes of the task's own robot do not name it.
-        own = {"task": lambda _: "one without a name", "robot": _robot_of}[key]
+        own = {"task": lambda _: "one without a name", "robot": robot_of}[key]
         names = sorted({value or own(each) for value, each in examples.items()})
         if len(names) > 1:
             raise ConfigError(
@@ -47,16 +47,14 @@ def check_not_merged(folder: str | Path, facts: Iterable[Mapping[str, Any]]) -> 
             )
 
 
-def wrong_task(recorded: str, env_task: str) -> str:
-    """Says, for a message, what to give where episodes are of another task than the environment's.
+def what_to_give(key: str, recorded: str) -> str:
+    """Says, for a message, what to give where an environment is another one than was recorded.
 
     Args:
-        recorded: Theirs.
-        env_task: The environment's; where it is the default, nobody may have typed it.
+        key: What differs, ``"task"`` or ``"robot"``.
+        recorded: Its value in the recording; empty for the task's own robot.
     """
-    return (
-        f"add task={recorded}" if env_task == EnvSpec().task else f"give task={recorded}, or leave task out"
-    )
+    return f"give {key}={recorded}" if recorded else f"leave out {key}="
 
 
 def check_same_scene(
@@ -76,24 +74,21 @@ def check_same_scene(
     for key in keys:
         was, wanted = (_words(key, value or {}) for value in (recorded.get(key), getattr(env, key)))
         if was != wanted:
-            implicit = key == "task" and env.task == EnvSpec().task
-            requested = "" if implicit else f", and {wanted} was requested"
             raise ConfigError(
-                f"The dataset '{folder}' was recorded with {was}{requested}. Its states belong to their own "
-                f"scene alone: {_advice(folder, key, recorded, env)}"
+                f"The dataset '{folder}' was recorded with {was}, and {wanted} was requested. Its states "
+                f"belong to their own scene alone: {_advice(folder, key, recorded, env)}"
             )
 
 
 def _advice(folder: str, key: str, recorded: Mapping[str, Any], env: EnvSpec) -> str:
     """Returns what to give in place of a field that differs."""
     if key == "task" and recorded.get("task"):
-        return f"{wrong_task(recorded['task'], env.task)}."
+        return f"{what_to_give(key, recorded['task'])}."
     if key != "robot":
         return "give what they were recorded with."
-    was = recorded.get("robot")
-    own = f"add robot={was}." if was else "leave out robot=."
+    own = what_to_give(key, recorded.get("robot") or "")
     other = env.make_task().robot.name
-    return f"{own} For demonstrations of '{other}': source=retarget from={folder} robot={other}."
+    return f"{own}. For demonstrations of '{other}': source=retarget from={folder} robot={other}."
 
 
 def _words(key: str, value: Any) -> str:
@@ -112,7 +107,8 @@ def recorded_spec(recorded: Mapping[str, Any]) -> EnvSpec:
     return EnvSpec.from_json({key: recorded[key] for key in keys if recorded.get(key)})
 
 
-def _robot_of(recorded: Mapping[str, Any]) -> str:
+def robot_of(recorded: Mapping[str, Any]) -> str:
+    """Returns the name of the robot that was recorded, also of the task's own, which episodes do not name."""
     return recorded_spec(recorded).make_task().robot.name
 
 

@@ -13,7 +13,7 @@ from envs.spec import EnvSpec
 from envs.state import State
 from roboverse_learn.data.collection.schedule import check_settings
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here, read_info
-from roboverse_learn.data.dataset.recorded_scene import recorded_spec
+from roboverse_learn.data.dataset.recorded_scene import robot_of, what_to_give
 from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.importers.demonstration import Demonstration
 from roboverse_learn.data.importers.replayer import Replay, Replayer
@@ -115,26 +115,21 @@ def _check_scene(path: Path, recorded: Mapping[str, Any], env: EnvSpec) -> None:
     Raises:
         DatasetError: They are of another.
     """
-    advice = _advice(recorded.get("task", ""), env.task, EnvSpec().task, "task")
-    robot = recorded.get("robot", "")
-    by = (
-        ""
-        if robot == env.robot
-        else f" by the robot '{robot or recorded_spec(recorded).make_task().robot.name}'"
-    )
-    advice += _advice(robot, env.robot, "", "robot")
+    now, task, robot = scene_of(env), recorded.get("task"), recorded.get("robot", "")
+    advice, by = [], ""
+    if task and task != env.task:
+        advice.append(what_to_give("task", task))
+    if task and robot != env.robot:
+        own = robot_of({**recorded, "robot": ""})
+        was, wanted = robot or own, env.robot or own
+        if was == wanted:  # one of them names the task's own
+            now, recorded = ({**each, "robot": was} for each in (now, recorded))
+        else:
+            by = f" by the robot '{was}'"
+            advice.append(what_to_give("robot", robot))
     if advice:
-        raise DatasetError(f"path={path} holds recordings of {recorded['task']}{by}: {' and '.join(advice)}.")
-    check_settings(path, recorded, scene_of(env), what="folder of recordings")
-
-
-def _advice(recorded: str, given: str, usual: str, key: str) -> list[str]:
-    """Returns what to do about a key where the recordings were made with another value than the one given."""
-    if recorded == given:
-        return []
-    if not recorded:
-        return [f"leave out {key}={given}"]
-    return [f"add {key}={recorded}" if given == usual else f"give {key}={recorded} in place of {key}={given}"]
+        raise DatasetError(f"path={path} holds recordings of {task}{by}: {' and '.join(advice)}.")
+    check_settings(path, recorded, now, what="folder of recordings")
 
 
 class TeleopEpisodes(ExpertEpisodes):

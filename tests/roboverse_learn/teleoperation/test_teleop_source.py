@@ -210,19 +210,16 @@ def test_other_scenes_and_no_recordings_are_reported(place, tmp_path):
 @pytest.mark.parametrize(
     ("recorded", "given", "said"),
     [
-        (["task=StackCube"], [], "of StackCube: add task=StackCube."),
-        ([], ["task=StackCube"], "of PickCube: give task=PickCube in place of task=StackCube."),
-        (["robot=iiwa"], [], "of PickCube by the robot 'iiwa': add robot=iiwa."),
-        ([], ["robot=iiwa"], "of PickCube by the robot 'franka': leave out robot=iiwa."),
-        (
-            ["robot=iiwa"],
-            ["robot=ur5e"],
-            "of PickCube by the robot 'iiwa': give robot=iiwa in place of robot=ur5e.",
-        ),
+        (["task=StackCube"], [], "of StackCube: give task=StackCube."),
+        ([], ["task=StackCube"], "of PickCube: give task=PickCube."),
+        (["robot=iiwa"], [], "of PickCube by the robot 'iiwa': give robot=iiwa."),
+        ([], ["robot=iiwa"], "of PickCube by the robot 'franka': leave out robot=."),
+        (["robot=iiwa"], ["robot=ur5e"], "of PickCube by the robot 'iiwa': give robot=iiwa."),
+        (["robot=iiwa"], ["robot=franka"], "of PickCube by the robot 'iiwa': give robot=iiwa."),
         (
             ["task=StackCube", "robot=iiwa"],
             [],
-            "of StackCube by the robot 'iiwa': add task=StackCube and add robot=iiwa.",
+            "of StackCube by the robot 'iiwa': give task=StackCube and give robot=iiwa.",
         ),
     ],
 )
@@ -233,6 +230,26 @@ def test_recordings_of_another_task_or_robot_say_what_to_give(recorded, given, s
     with pytest.raises(DatasetError) as refused:
         source.check()
     assert str(refused.value) == f"path={folder} holds recordings {said}"
+
+
+@pytest.mark.parametrize(("recorded", "given"), [("", "franka"), ("franka", "")])
+def test_the_tasks_own_robot_is_the_one_of_its_name(recorded, given, tmp_path):
+    config = compose("collect", ["source=teleop", f"path={tmp_path}", "task=PickCube"])
+    scene = scene_of(config.env.replace(robot=recorded))
+    write_recording(tmp_path, scene)
+    there = dataclasses.replace(config, env=config.env.replace(robot=given))  # a command names no own robot
+    SOURCES.get("teleop")(there).check()
+    there = dataclasses.replace(there, env=there.env.replace(task="StackCube"))
+    with pytest.raises(DatasetError, match=r"recordings of PickCube: give task=PickCube\.$"):
+        SOURCES.get("teleop")(there).check()
+
+
+def test_recordings_that_do_not_say_their_task_are_refused(tmp_path):
+    scene = scene_of(compose("teleoperate", ["task=PickCube"]).env)
+    del scene["task"]
+    write_recording(tmp_path, scene)
+    with pytest.raises(DatasetError, match="was begun with task=None; now given: task='PickCube'"):
+        SOURCES.get("teleop")(compose("collect", ["source=teleop", f"path={tmp_path}"])).check()
 
 
 def write_recording(folder, scene):

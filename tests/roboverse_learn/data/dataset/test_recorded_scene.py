@@ -25,7 +25,7 @@ from tests.roboverse_learn.data.augmentation.expert_demos import write_demos
             {"robot": "ur5e"},
             "",
             "recorded with robot=ur5e, and the task's own robot was requested. Its states belong to their "
-            "own scene alone: add robot=ur5e. For demonstrations of 'franka': source=retarget from=demos "
+            "own scene alone: give robot=ur5e. For demonstrations of 'franka': source=retarget from=demos "
             "robot=franka.",
         ),
     ],
@@ -43,16 +43,17 @@ def test_another_robot_is_named_with_what_to_do(recorded, given, said):
     [
         (
             "PickCube",
-            "recorded with task=StackCube. Its states belong to their own scene alone: add task=StackCube.",
+            "recorded with task=StackCube, and task=PickCube was requested. Its states belong to their own "
+            "scene alone: give task=StackCube.",
         ),
         (
             "CloseBox",
             "recorded with task=StackCube, and task=CloseBox was requested. Its states belong to their own "
-            "scene alone: give task=StackCube, or leave task out.",
+            "scene alone: give task=StackCube.",
         ),
     ],
 )
-def test_another_task_is_named_and_the_usual_one_is_not_said_to_be_given(given, said):
+def test_another_task_is_named_with_what_to_give(given, said):
     with pytest.raises(ConfigError) as refused:
         check_same_scene("demos", {"task": "StackCube"}, EnvSpec(task=given))
     assert str(refused.value) == f"The dataset 'demos' was {said}"
@@ -85,6 +86,14 @@ def test_a_merged_dataset_is_refused_in_the_same_words_whatever_task_and_robot_a
         f"The dataset '{folder}' has episodes of several {name} ({found}). Give the datasets that it was "
         "merged of, one by one."
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tasks", "robots"])
+def test_a_merged_dataset_is_refused_also_where_the_demonstrations_that_are_taken_are_of_one(merged, name):
+    words = ["source=augment", f"from={merged / name}", "image_size=16", "augment.num_sources=1"]
+    with pytest.raises(ConfigError, match=f"has episodes of several {name} "):
+        SOURCES.get("augment")(compose("collect", words)).check()
 
 
 def test_a_robot_that_is_named_and_is_the_tasks_own_is_one_robot():
