@@ -74,7 +74,7 @@ class RetargetSource(MadeFromDataset):
         share = 100 * num_kept / max(num_attempts, 1)
         said = f"{num_kept} of {num_attempts} retargeted demonstrations were kept ({share:.1f} %)"
         held, wanted = len(self._recordings), self.config.collect.num_demos
-        if wanted <= held:
+        if wanted <= held or wanted == type(self.config.collect)().num_demos:  # nobody asked for so many
             return said
         return (
             f"{said}; num_demos={wanted} is not reached: from={self.config.from_dataset} holds {held} "

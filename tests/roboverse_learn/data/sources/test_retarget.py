@@ -76,6 +76,8 @@ def test_fewer_demonstrations_than_num_demos_are_said_to_be_all_that_the_dataset
         f"3 of 3 retargeted demonstrations were kept (100.0 %); num_demos=50 is not reached: from={demos} "
         "holds 3 demonstrations, and each gives one at most"
     )
+    usual = collect_dataset(config(demos, "robot=ur5e", f"dataset={tmp_path / 'made'}"))
+    assert usual.outcome == "3 of 3 retargeted demonstrations were kept (100.0 %)"  # nobody gave the 1000
 
 
 @pytest.mark.slow
