@@ -7,7 +7,7 @@ import numpy as np
 
 from envs.lazy_images import row_of
 from envs.spec import EnvSpec, split_options
-from envs.step_checks import wrong_shape
+from envs.step_checks import check_reset_options, wrong_shape
 from envs.vector_env import RoboVerseVectorEnv
 
 
@@ -62,7 +62,13 @@ class RoboVerseEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Starts an episode; equal seeds give equal episodes. ``options["episode"]`` names one."""
+        """Starts an episode; equal seeds give equal episodes. ``options["episode"]`` names one.
+
+        Raises:
+            ConfigError: The episode is not in the environment's split.
+            UnknownNameError: There is no such option.
+        """
+        check_reset_options(options or (), ("episode",))
         super().reset(seed=seed)
         episode = (options or {}).get("episode")
         if episode is None:

@@ -101,3 +101,11 @@ def row_of(observation: Mapping[str, Any], env_id: int) -> dict[str, Any]:
         else:
             out[key] = value[env_id]
     return out
+
+
+def rows_of(observation: Mapping[str, Any], chosen: np.ndarray) -> np.ndarray:
+    """Returns the parts of chosen environments, (N,) objects; None where ``chosen`` (N,) bool is not set."""
+    rows = np.full(len(chosen), None, dtype=object)
+    for env_id in chosen.nonzero()[0]:
+        rows[env_id] = row_of(observation, int(env_id))
+    return rows

@@ -1,15 +1,13 @@
 """Checks before a step: the shape of the actions, finite numbers, a started episode; and before a reset."""
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
-
-RESET_OPTIONS = ("episodes", "reset_mask")
 
 _FOR_WRAPPERS = "lerobot_"
 """Begin of the options that LeRobot's evaluation gives its own wrappers."""
@@ -57,6 +55,17 @@ def wrong_shape(actions: np.ndarray, shape: tuple[int, ...], names: Sequence[str
     )
 
 
+def check_reset_options(options: Iterable[str], valid: Sequence[str]) -> None:
+    """Checks the names of the options of a reset; those of LeRobot's wrappers are let through.
+
+    Raises:
+        UnknownNameError: There is no such option.
+    """
+    for name in options:
+        if name not in valid and not name.startswith(_FOR_WRAPPERS):
+            raise unknown_name("option of reset()", name, valid)
+
+
 def read_reset_options(options: Mapping[str, Any] | None, num_envs: int) -> tuple[np.ndarray, Any]:
     """Checks the options of a reset of N environments.
 
@@ -73,14 +82,13 @@ def read_reset_options(options: Mapping[str, Any] | None, num_envs: int) -> tupl
     """
     if not options:
         return np.arange(num_envs), None
-    for name in options:
-        if name not in RESET_OPTIONS and not name.startswith(_FOR_WRAPPERS):
-            raise unknown_name("option of reset()", name, RESET_OPTIONS)
+    check_reset_options(options, ("episodes", "reset_mask"))
     mask = np.asarray(options.get("reset_mask", np.ones(num_envs, bool)))
-    if mask.shape != (num_envs,):
+    if mask.shape != (num_envs,) or mask.dtype != bool:
         raise ConfigError(
             f"options['reset_mask'] has one bool for each of the {_counted(num_envs, 'environment')}, shape "
-            f"({num_envs},). Given: shape {mask.shape}."
+            f"({num_envs},): whether it is reset. Given: shape {mask.shape} of {mask.dtype}. "
+            f"np.isin(np.arange({num_envs}), [0]) resets the first alone."
         )
     ids = np.flatnonzero(mask)
     if (given := options.get("episodes")) is None:

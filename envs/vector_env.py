@@ -15,7 +15,7 @@ from envs.array_ops import to_numpy
 from envs.batched_env import BatchedEnv, StepResult
 from envs.core.errors import unknown_name
 from envs.episode_hash import episode_digest
-from envs.lazy_images import LazyPixels, row_of
+from envs.lazy_images import LazyPixels, rows_of
 from envs.randomization import Randomizer, channel_rng
 from envs.scenario import Appearance
 from envs.simulators.base import EnvIds, Handler
@@ -105,7 +105,8 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         fps = round(self.control_hz)
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": fps, "autoreset_mode": autoreset_mode}
-        self.render_mode, self._autoreset = "rgb_array", autoreset_mode
+        self.render_mode = "rgb_array"
+        self._autoreset = autoreset_mode
 
     # -- properties ---------------------------------------------------------------------------------
 
@@ -299,7 +300,7 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         self._over = result.over
         info, observation = self._info(result.success), self._gym_observation(states)
         if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
-            info |= {"final_obs": self._rows_of(observation), "final_info": dict(info)}
+            info |= {"final_obs": rows_of(observation, self._over), "final_info": dict(info)}
             info |= {"_final_obs": self._over.copy(), "_final_info": self._over.copy()}
             self._restart(self._over.nonzero()[0])
             observation = self._gym_observation(self._present())
@@ -324,12 +325,6 @@ class RoboVerseVectorEnv(gymnasium.vector.VectorEnv, BatchedEnv):
         if episodes is None:
             episodes = [self._rngs[env_id].choice(self.split_indices) for env_id in env_ids]
         self.reset_envs(env_ids, episodes)
-
-    def _rows_of(self, observation: dict[str, Any]) -> np.ndarray:
-        rows = np.full(self.num_envs, None, dtype=object)
-        for env_id in self._over.nonzero()[0]:
-            rows[env_id] = row_of(observation, int(env_id))
-        return rows
 
     def _gym_observation(self, states: State) -> dict[str, Any]:
         observation: dict[str, Any] = {"agent_pos": self._agent_pos(states)}

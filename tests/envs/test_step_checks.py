@@ -118,7 +118,15 @@ AS_IN = r"Give one for each, as in options=\{'episodes': env\.split_indices\[:3\
             {"episodes": [0, 1, 2], "reset_mask": np.array([False, True, False])},
             r"1 environment is reset, and .* holds 3 episodes",
         ),
-        ({"reset_mask": [True]}, r"one bool for each of the 3 environments, .* Given: shape \(1,\)\."),
+        (
+            {"reset_mask": [True]},
+            r"one bool for each of the 3 environments, .* Given: shape \(1,\) of bool",
+        ),
+        (
+            {"reset_mask": [0, 2, 1]},
+            r"of the 3 environments, .* Given: shape \(3,\) of int64\. np\.isin\(np\.arange\(3\), \[0\]\)",
+        ),
+        ({"reset_mask": np.ones(3, np.uint8)}, r"whether it is reset\. Given: shape \(3,\) of uint8\."),
     ],
 )
 def test_a_reset_that_does_not_fit_the_environments_is_refused_and_changes_nothing(
@@ -141,6 +149,19 @@ def test_an_unknown_option_of_a_reset_is_refused_with_the_nearest(batch: RoboVer
     )
 
 
+def test_an_unknown_option_of_one_environment_is_refused_and_changes_nothing(
+    single: envs.RoboVerseEnv,
+) -> None:
+    single.reset(seed=0)
+    episode, draws = single.batch.episodes[0], single.np_random.bit_generator.state
+    with pytest.raises(UnknownNameError) as error:
+        single.reset(seed=1, options={"episodes": [3]})
+    assert str(error.value) == "Unknown option of reset() 'episodes'. Did you mean 'episode'? Valid: episode."
+    assert single.batch.episodes[0] == episode and single.np_random.bit_generator.state == draws
+    single.reset(seed=0, options={NEW_ROLLOUT_OPTION: True, "episode": None})
+    assert single.batch.episodes[0] == episode
+
+
 def test_a_reset_takes_episodes_as_list_array_and_tensor_and_the_options_of_wrappers(
     batch: RoboVerseVectorEnv,
 ) -> None:
@@ -150,6 +171,8 @@ def test_a_reset_takes_episodes_as_list_array_and_tensor_and_the_options_of_wrap
         assert batch.episodes.tolist() == wanted.tolist()
     batch.reset(options={"episodes": wanted[:1], "reset_mask": torch.tensor([False, True, False])})
     assert batch.episodes.tolist() == wanted[[0, 0, 2]].tolist()
+    batch.reset(options={"episodes": wanted[1:2], "reset_mask": [True, False, False]})
+    assert batch.episodes.tolist() == wanted[[1, 0, 2]].tolist()
     batch.reset(seed=0, options={NEW_ROLLOUT_OPTION: True, "episodes": None})
     seeded = batch.episodes.copy()
     batch.reset(seed=0)
