@@ -192,7 +192,7 @@ class MixtureSampler:
 
 
 def shares_of_a_batch(
-    frames: Sequence[int], batch_size: int, mixing: float, world_size: int = 1
+    frames: Sequence[int], batch_size: int, mixing: float, world_size: int = 1, *, guessed: bool = False
 ) -> np.ndarray:
     """Returns how many frames of each group a batch has on average, float64 (groups,).
 
@@ -201,16 +201,23 @@ def shares_of_a_batch(
         batch_size: Of :class:`MixtureSampler`, as what follows.
         mixing: From 0 to 1.
         world_size: Number of training processes.
+        guessed: The frames are not known yet, so a batch that serves them may still be too small.
 
     Raises:
-        ConfigError: A group has less than one, or the batch does not divide over the processes.
+        ConfigError: A group has no frame, or less than one in a batch, or the batch does not divide over
+            the processes.
     """
+    if min(frames) < 1:
+        raise ConfigError(
+            f"{sum(each < 1 for each in frames)} of {len(frames)} tasks have no frame in the dataset. Give "
+            "one with demonstrations of every task, or learn those that have some."
+        )
     shares = _shares(frames, batch_size, mixing)
     if batch_size % world_size or shares.min() < 1.0:
         raise ConfigError(
             f"train.batch_size={batch_size} must be a multiple of {world_size} processes, and have at "
             f"least one frame of each of {len(frames)} tasks, of which one has a share of "
-            f"{shares.min():.2g}. Give {_what_fits(frames, batch_size, mixing, world_size)}."
+            f"{shares.min():.2g}. Give {_what_fits(frames, batch_size, mixing, world_size, guessed)}."
         )
     return shares
 
@@ -220,12 +227,17 @@ def _shares(frames: Sequence[int], batch_size: int, mixing: float) -> np.ndarray
     return batch_size * weights / weights.sum()
 
 
-def _what_fits(frames: Sequence[int], batch_size: int, mixing: float, world_size: int) -> str:
+def _what_fits(frames: Sequence[int], batch_size: int, mixing: float, world_size: int, guessed: bool) -> str:
     """Returns words for the least larger batch that serves, and the largest mixing if a smaller one does."""
     least = max(batch_size, math.ceil(1.0 / _shares(frames, 1, mixing).min()))
     least = math.ceil(least / world_size) * world_size
     while _shares(frames, least, mixing).min() < 1.0:  # the quotient was rounded down
         least += world_size
+    if guessed and mixing:
+        return (
+            f"train.batch_size of at least {least}: with train.mixing={mixing:g} a task that turns out to "
+            "have fewer frames than others needs more"
+        )
     words = f"train.batch_size={least} or more"
     if batch_size % world_size or batch_size < len(frames):
         return words  # of no mixing

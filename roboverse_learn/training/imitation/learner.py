@@ -77,10 +77,11 @@ class ImitationLearner(Learner):
         """Checks that a batch has frames of each task, as far as it is known before they are collected."""
         from roboverse_learn.data.dataset.sampler import shares_of_a_batch
 
-        train, frames = self.config.train, self._frames_of_tasks()
+        train, (frames, guessed) = self.config.train, self._frames_of_tasks()
         if len(frames) > 1:
             processes = int(os.environ.get("WORLD_SIZE", "1"))
-            shares_of_a_batch(list(frames.values()), train.batch_size, train.mixing, processes)
+            given = list(frames.values()), train.batch_size, train.mixing, processes
+            shares_of_a_batch(*given, guessed=guessed)
         elif train.mixing:
             raise ConfigError(
                 f"train.mixing={train.mixing:g} weighs several tasks, and the run is of "
@@ -88,15 +89,18 @@ class ImitationLearner(Learner):
                 "policy=mtact task=[PickCube,StackCube]."
             )
 
-    def _frames_of_tasks(self) -> dict[str, int]:
-        """Returns the frames of each task that is learned: as if all had as many where none are there yet."""
+    def _frames_of_tasks(self) -> tuple[dict[str, int], bool]:
+        """Returns the frames of each task that is learned, and whether they are guessed.
+
+        They are where none are there yet: as if all tasks had as many.
+        """
         from roboverse_learn.data.dataset.info import DatasetInfo
         from roboverse_learn.data.dataset.mixture import frames_of_tasks
 
         config = self.config
         if config.dataset and policies.learns_several(config.policy_name):
-            return frames_of_tasks(DatasetInfo.open(config.dataset), config.env.task)
-        return dict.fromkeys(config.tasks, 1)
+            return frames_of_tasks(DatasetInfo.open(config.dataset), config.env.task), False
+        return dict.fromkeys(config.tasks, 1), True
 
     def _check_beginning(self) -> None:
         """Checks that the checkpoint to begin with is there and of this policy."""

@@ -248,6 +248,29 @@ def test_who_gives_what_is_said_is_not_refused_again(frames, batch_size, mixing,
         assert shares_of_a_batch(frames, batch_size, float(largest), world_size).min() >= 1.0
 
 
+@pytest.mark.parametrize("mixing", [0.0, 1.0])
+def test_tasks_without_a_frame_are_refused_with_what_to_do(mixing):
+    with pytest.raises(ConfigError, match=r"^1 of 2 tasks have no frame in the dataset\. Give one with"):
+        shares_of_a_batch([10, 0], 4, mixing)
+
+
+@pytest.mark.parametrize(
+    ("mixing", "advice"),
+    [
+        (0.0, "Give train.batch_size=3 or more."),
+        (
+            0.5,
+            "Give train.batch_size of at least 3: with train.mixing=0.5 a task that turns out to have fewer "
+            "frames than others needs more.",
+        ),
+    ],
+)
+def test_a_batch_for_lengths_that_are_not_known_is_the_least_only_where_tasks_weigh_alike(mixing, advice):
+    with pytest.raises(ConfigError) as refused:
+        shares_of_a_batch([1, 1, 1], 2, mixing, guessed=True)
+    assert str(refused.value).endswith(advice)
+
+
 @pytest.mark.parametrize("mixing", [0.0, 0.5])
 def test_a_restored_sampler_continues(mixture, mixing):
     whole, first = (make_sampler(mixture, batch_size=5, seed=3, mixing=mixing) for _ in range(2))

@@ -151,6 +151,15 @@ def test_the_tasks_of_one_dataset_are_mixed_by_their_frames(tmp_path):
         learner_of(compose("train", [*words, "train.batch_size=3"]), "cpu").check()
 
 
+@pytest.mark.parametrize(
+    ("mixing", "said"), [("0", "batch_size=2 or more"), ("1", "batch_size of at least 2: with")]
+)
+def test_a_batch_that_is_too_small_is_refused_before_lengths_are_known(mixing, said):
+    words = ["policy=mtact", LIST, "train.batch_size=1", f"train.mixing={mixing}"]
+    with pytest.raises(ConfigError, match=rf"batch_size=1 must .* of 2 tasks, .* Give train\.{said}"):
+        learner_of(compose("train", words), "cpu").check()
+
+
 @pytest.mark.slow
 def test_a_merged_dataset_is_learned_by_the_tasks_that_its_episodes_name(tmp_path, monkeypatch):
     root = tmp_path / "merged"
