@@ -102,7 +102,7 @@ class ChunkPolicy(PreTrainedPolicy):
             given = ", ".join(key for key in batch if key.startswith(f"{OBS_IMAGES}.")) or "no image"
             example = f'--rename_map=\'{{"{OBS_IMAGES}.<camera>": "{missing[0]}"}}\''
             raise PolicyError(
-                f"The policy sees {', '.join(seen)}, and {', '.join(missing)} is missing: {given} is given. "
-                f"Give those images, or rename what is given ({example})."
+                f"The policy sees {', '.join(seen)}; missing: {', '.join(missing)}; given: {given}. Give "
+                f"what is missing, or rename what is given ({example})."
             )
         return {**batch, OBS_IMAGES: [batch[key] for key in seen]}

@@ -64,17 +64,22 @@ def test_lerobot_acts_the_same_from_a_checkpoint(n_residual_blocks, tmp_path):
     np.testing.assert_array_equal(policies.load(tmp_path).act(seen), policy.act(seen))
 
 
-def test_lerobots_commands_are_refused_with_the_image_that_is_missing():
+def test_lerobots_commands_are_refused_with_the_images_that_are_missing():
     seen = batch()
     seen["observation.images.side"] = seen.pop(IMAGE)
     with pytest.raises(PolicyError) as refusal:
         make().model.select_action(seen)
     said = str(refusal.value)
-    assert f"{IMAGE} is missing: observation.images.side is given" in said
+    assert f"; missing: {IMAGE}; given: observation.images.side. Give what is missing" in said
     assert f'"{IMAGE}"' in said.split("--rename_map=")[1]
     del seen["observation.images.side"]
-    with pytest.raises(PolicyError, match="no image is given"):
+    with pytest.raises(PolicyError, match=r"; given: no image\."):
         make().model.select_action(seen)
+    wrist = "observation.images.wrist"
+    features, of_both = FEATURES | {wrist: FEATURES[IMAGE]}, stats() | {wrist: stats()[IMAGE]}
+    both = policies.create("act", features, of_both, CONFIG).model
+    with pytest.raises(PolicyError, match=rf"sees {IMAGE}, {wrist}; missing: {IMAGE}, {wrist}; given"):
+        both.select_action(seen)
 
 
 def test_a_checkpoint_is_loaded_as_policy_act(tmp_path):
