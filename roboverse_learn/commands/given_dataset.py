@@ -137,16 +137,15 @@ def _other_robot(info: DatasetInfo, config: TrainRunConfig) -> str:
     """Returns a sentence where a policy acts with a robot that is in no episode; else nothing."""
     robots, _all_named = episode_robots(info)
     if robots:
-        here = robot_name(config.env, config.env.robot)
-        there = sorted({robot_name(config.env, name) for name in robots})
+        here, others = robot_name(config.env, config.env.robot), other_robots(Learned(robots), config.env)
     else:  # of another program, which says at most the kind that LeRobot knows
         _, _, here = task_layout(config)
         named = all(robot.lerobot_type for robot in config.env.make_task().robots)
-        there = [info.robot_type or here] if named else [here]
-    if here in there:
+        others = [info.robot_type] if named and info.robot_type not in (None, "", here) else []
+    if not others:
         return ""
     return (
-        f"dataset={info.root} was recorded with {' and '.join(there)}, and the policy is evaluated with "
+        f"dataset={info.root} was recorded with {' and '.join(others)}, and the policy is evaluated with "
         f"{here}. robot= names the robot of the evaluation."
     )
 
