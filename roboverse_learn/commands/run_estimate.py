@@ -66,7 +66,7 @@ def time_demonstration(spec: EnvSpec, steps_per_look: int = 0) -> DemonstrationT
 
     with contextlib.closing(spec.make(1, num_threads=1)) as env:
         first = env.split_indices[:1].tolist()
-        env.reset(options={"episode": first[0]})[0]["pixels"].copy()  # compiles what is not compiled yet
+        env.reset(options={"episodes": first})[0]["pixels"].copy()  # compiles what is not compiled yet
 
         def timed(record: Collection[str], on_step: OnStep = lambda episode: None) -> tuple[float, int]:
             start = time.perf_counter()
