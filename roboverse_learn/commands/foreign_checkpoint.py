@@ -1,11 +1,11 @@
 """A checkpoint of any LeRobot policy in a task of ours: its cameras and widths, checked first."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from envs.core.errors import ConfigError
+from envs.core.errors import ConfigError, unknown_name
 from envs.spec import EnvSpec
 
 ANY_SIZE = ("lerobot", "openvla", "octo")
@@ -41,12 +41,14 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
 
     Raises:
         PolicyError: if no camera of the task is one of the policy.
+        UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
     from policies.zoo.cameras import missing_cameras
 
     of_task = {key: given[key] for key in ("task", "task_kwargs", "robot") if key in given}
     present = task_cameras(EnvSpec(**of_task))
+    _check_names(checkpoint, given["task"], (*present, *given.get("cameras", ())), rename_map)
     is_published = "input_features" not in read_json(checkpoint / CONFIG)
     if policy_type(checkpoint) == "openvla" and (is_published or rename_map):
         from policies.openvla.config import IMAGE_PX
@@ -72,6 +74,7 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
     Raises:
         ConfigError: if the state or the actions are of another width.
         PolicyError: if a camera that the policy needs is not there.
+        UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
     from policies.zoo.cameras import missing_cameras
@@ -80,6 +83,7 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
 
     if policy_type(checkpoint) not in ANY_SIZE:
         return
+    _check_names(checkpoint, env.task, (*task_cameras(env), *env.cameras), rename_map)
     if policy_type(checkpoint) == "lerobot":
         wanted = list(seen_cameras(checkpoint, rename_map))
         cameras = env.cameras or task_cameras(env)[:1]
@@ -102,6 +106,28 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
                 f"demonstrations of {task}: roboverse train policy=lerobot policy.path=<checkpoint> "
                 f"task={task}"
             )
+
+
+def _check_names(checkpoint: Path, task: str, cameras: Sequence[str], rename_map: Mapping[str, str]) -> None:
+    """Checks that a map names cameras of the task and of the policy.
+
+    A policy that does with fewer cameras would otherwise act without the one whose name is wrong.
+    """
+    from policies.checkpoint import CONFIG, policy_label, policy_type, read_json
+    from policies.zoo.config import IMAGE_PREFIX
+
+    kind = policy_type(checkpoint)
+    if kind == "octo":  # takes no map, and says so
+        return
+    features = read_json(checkpoint / CONFIG).get("input_features") or {}
+    own = [key.removeprefix(IMAGE_PREFIX) for key in features if key.startswith(IMAGE_PREFIX)]
+    for source, target in rename_map.items():
+        name, seen_as = source.removeprefix(IMAGE_PREFIX), target.removeprefix(IMAGE_PREFIX)
+        hint = "Write rename_map={<camera of the task>:<camera of the policy>}."
+        if name not in cameras:
+            raise unknown_name(f"camera of {task}", name, set(cameras), hint)
+        if kind == "lerobot" and own and seen_as not in own:
+            raise unknown_name(f"camera of the policy '{policy_label(checkpoint)}'", seen_as, own, hint)
 
 
 def show_cameras(policy: Any, env: EnvSpec, rename_map: Mapping[str, str]) -> None:

@@ -194,6 +194,29 @@ def test_a_checkpoint_of_others_needs_its_cameras(foreign):
     assert tested.run.endswith("-front=camera1")
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("frnt:camera1", "Unknown camera of PickCube 'frnt'. Did you mean 'front'?"),
+        (
+            "front:camera1,wrist:camra2",
+            "Unknown camera of the policy 'smolvla' 'camra2'. Did you mean 'camera2'?",
+        ),
+    ],
+)
+def test_a_map_names_cameras_of_the_task_and_of_the_policy(foreign, given: str, message: str):
+    with pytest.raises(UnknownNameError, match=re.escape(message)):
+        evaluate(foreign, "task=PickCube", f"rename_map={{{given}}}")
+
+
+def test_a_map_may_have_lerobots_whole_keys_and_name_a_camera_that_stays_empty(foreign):
+    config = json.loads((foreign / "config.json").read_text())
+    config["input_features"]["observation.images.empty_camera_0"] = image(256)
+    (foreign / "config.json").write_text(json.dumps(config))
+    keys = '{"observation.images.front": "observation.images.camera1", "wrist": "empty_camera_0"}'
+    assert evaluate(foreign, "task=PickCube", f"rename_map={keys}").env.cameras == ("front",)
+
+
 def test_actions_of_another_width_are_one_sentence(foreign):
     from roboverse_learn.commands.foreign_checkpoint import check_fits
 
