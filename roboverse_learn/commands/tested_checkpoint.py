@@ -369,9 +369,11 @@ def _warn_of_control_rate(trained: TrainRunConfig, env: EnvSpec) -> None:
     before, now = trained.learned_hz(env.task), env.control_hz
     if before != now:
         log.warning(
-            "The policy learned at %g control steps per second and is evaluated at %g. "
-            "Leave out scenario.physics to evaluate it as it learned.",
+            "The policy learned at %g control steps per second and is evaluated at %g. %s",
             *(before, now),
+            "Leave out scenario.physics to evaluate it as it learned."
+            if env.task in trained.tasks
+            else f"{env.task}, which it did not learn, has that rate.",
         )
 
 

@@ -232,7 +232,12 @@ def test_different_control_rate_warns(slow_run: Path, caplog: pytest.LogCaptureF
     assert to_test(slow_run, "scenario.physics.decimation=25").env.scenario == {
         "room": None
     }  # the task's own
-    assert "learned at 10 control steps per second and is evaluated at 20" in caplog.text
+    assert "learned at 10 control steps per second and is evaluated at 20. Leave out scenario" in caplog.text
+
+
+def test_another_task_has_a_control_rate_of_its_own(run: Path, caplog: pytest.LogCaptureFixture) -> None:
+    to_test(run, "task=calvin/D/open_drawer", "other_tasks=true")
+    assert "at 30. calvin/D/open_drawer, which it did not learn, has that rate" in caplog.text
 
 
 @pytest.mark.parametrize(
