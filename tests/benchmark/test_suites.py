@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmark.leaderboard.suites_section import MOST_SECTIONS, without_section
+from benchmark.leaderboard.suites_section import MOST_SECTIONS, suite_sections, without_section
 from benchmark.protocol import Protocol
 from benchmark.statistics import mean_of_few, mean_of_rates, wilson
 from benchmark.suites import (
@@ -117,3 +117,13 @@ def test_results_by_another_benchmarks_protocol_are_in_the_suites_row_alone():
     assert without_section([dataclasses.replace(SUITE, named_protocol="libero")]) == set(results.values())
     many = dataclasses.replace(SUITE, tasks=("A", *map(str, range(MOST_SECTIONS))))
     assert without_section([many]) == set(results.values())
+
+
+def test_a_row_names_the_settings_that_the_suites_name_does_not_say(make_result):
+    path = SUITE.results["A"]
+    usual = make_result(task="A")
+    other = make_result(task="A", task_kwargs={"starts": "libero"}, robot="ur5e")
+    rows = [suite_sections([SUITE], {path: each})[0]["rows"][0] for each in (usual, other)]
+    assert [row["settings"] for row in rows] == ["", "robot=ur5e, starts=libero"]
+    by_protocol = dataclasses.replace(SUITE, named_protocol="libero")
+    assert suite_sections([by_protocol], {path: other})[0]["rows"][0]["settings"] == ""
