@@ -30,6 +30,13 @@ MOST_SHIFT_M = 0.02
 PAD_HALF_M = 0.009
 """Half the height and half the depth of a finger's pad."""
 
+LUCK = 0.15
+"""Most that chance adds to the score of a grasp."""
+
+SIDE = np.array([1.0, 0.0])
+"""Without chance: how much worse a grasp scores for each metre along x and y, so that of two sides of a bowl
+it is always the same one."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasp:
@@ -49,7 +56,7 @@ class Grasp:
 
 
 def top_grasps(
-    points: np.ndarray, obstacles: np.ndarray, lowest_z: float, rng: np.random.Generator
+    points: np.ndarray, obstacles: np.ndarray, lowest_z: float, rng: np.random.Generator | None
 ) -> list[Grasp]:
     """Returns grasps of an object from above, the best first.
 
@@ -57,31 +64,33 @@ def top_grasps(
         points: The object, (P, 3), m.
         obstacles: Everything else, (Q, 3).
         lowest_z: Least height of the grip site: fingertips do not scrape along what carries the object.
-        rng: Varies which places are tried, and the order of what is equally good.
+        rng: Varies which places are tried, and the order of what is nearly as good. Without it the grasps of
+            an object are always the same.
     """
     middle = (points.min(0) + points.max(0)) / 2
     reach = np.linalg.norm(points[:, :2] - middle[:2], axis=1).max() + 0.15
     near = np.linalg.norm(obstacles[:, :2] - middle[:2], axis=1) < reach
-    centres = _centres(points, rng)
+    centres = _centres(points, middle, rng)
     deepest = max(centres[:, 2].min() - max(DEPTHS_M), lowest_z)
     near &= obstacles[:, 2] > deepest - TIP_BELOW_M - FREE_BELOW_M
     solid = np.concatenate([points, obstacles[near]])
     grasps: list[Grasp] = []
-    for yaw in YAWS + rng.uniform(0.0, YAWS[1] - YAWS[0]):
+    for yaw in YAWS + (0.0 if rng is None else rng.uniform(0.0, YAWS[1] - YAWS[0])):
         grasps += _at_yaw(solid, len(points), centres, float(yaw), middle, lowest_z, rng)
     return sorted(grasps, key=lambda grasp: -grasp.score)
 
 
-def _centres(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _centres(points: np.ndarray, middle: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
     """Returns places (C, 3) on the upper edge: the highest point of level cells of 1 cm."""
-    cells = np.round(points[:, :2] / 0.01).astype(int)
+    cells = np.round((points[:, :2] - middle[:2]) / 0.01).astype(int)
     order = np.lexsort((-points[:, 2], cells[:, 1], cells[:, 0]))
     _, first = np.unique(cells[order], axis=0, return_index=True)
     tops = points[order[first]]
-    middle = np.array([*points[:, :2].mean(0), points[:, 2].max()])
+    highest = np.array([*points[:, :2].mean(0), points[:, 2].max()])
     if len(tops) > CENTRES:
-        tops = tops[rng.choice(len(tops), CENTRES, replace=False)]
-    return np.concatenate([middle[None], tops])
+        evenly = np.linspace(0, len(tops) - 1, CENTRES).astype(int)
+        tops = tops[evenly if rng is None else rng.choice(len(tops), CENTRES, replace=False)]
+    return np.concatenate([highest[None], tops])
 
 
 def _at_yaw(
@@ -91,7 +100,7 @@ def _at_yaw(
     yaw: float,
     middle: np.ndarray,
     lowest_z: float,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
 ) -> list[Grasp]:
     """Returns the grasps of a turn; the first ``own`` points of ``solid`` are the object's."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
@@ -111,12 +120,14 @@ def _at_yaw(
         opening = _openings(under, abs(under.y - shift[under.centre]), z, width)
         least, most = under.ends(flat[under.point, 0], held)
         index = np.flatnonzero(good & (opening > 0.0))
-        luck = rng.uniform(0.0, 0.15, len(index))
+        luck = np.zeros(len(index)) if rng is None else rng.uniform(0.0, LUCK, len(index))
         for row, drawn in zip(index.tolist(), luck.tolist(), strict=True):
             pos = np.array([*(turn @ (at[row] + np.array([0.0, shift[row]]))), height[row]])
             away = float(np.linalg.norm(pos[:2] - middle[:2]))
             score = min(float(most[row] - least[row]), 0.018) / 0.018 * 0.5
             total = score - away / 0.05 - abs(yaw) / np.pi * 0.5 + drawn
+            if rng is None:
+                total -= float(SIDE @ (pos[:2] - middle[:2]))
             found.append(Grasp(pos, yaw, float(opening[row]), total + 10.0 * depth))
     return found
 
