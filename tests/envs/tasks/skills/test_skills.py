@@ -64,6 +64,17 @@ def test_a_bowl_is_grasped_by_its_rim():
         assert np.linalg.norm(grasp.pos[:2]) == pytest.approx(0.06, abs=0.012)
 
 
+def test_without_chance_a_bowl_is_grasped_at_the_same_side_wherever_it_stands():
+    """What a policy has to learn follows from where the bowl is."""
+    ways = [np.array(way) for way in ((0.0, 0.0, 0.0), (0.213, -0.107, 0.0), (-0.054, 0.302, 0.4))]
+    best = [top_grasps(bowl() + way, NOTHING, 0.012 + way[2], None)[0] for way in ways]
+    for grasp, way in zip(best, ways, strict=True):
+        np.testing.assert_allclose(grasp.pos - way, best[0].pos, atol=1e-6)
+        assert (grasp.yaw, grasp.opening_m) == (best[0].yaw, best[0].opening_m)
+    chosen = [top_grasps(bowl(), NOTHING, 0.012, np.random.default_rng(seed))[0].pos for seed in range(8)]
+    assert np.ptp(chosen, axis=0)[:2].max() > 0.03  # by chance it is another side
+
+
 def test_a_neighbour_keeps_fingers_out():
     item = box((0.02, 0.02, 0.03), (0, 0, 0.03))
     walls = np.concatenate([box((0.002, 0.2, 0.1), (x, 0, 0.1)) for x in (-0.03, 0.03)])
