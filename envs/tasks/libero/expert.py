@@ -81,8 +81,7 @@ def plan(
 ) -> list[Waypoint]:
     """Returns the waypoints of the next skill of a robot from a state of one row; empty gives up."""
     names = (*scene.problem.objects, *scene.fixtures)
-    (chance,) = rng.spawn(1)  # each time of asking spawns one: they count how often it was asked
-    asked = rng.bit_generator.seed_seq.n_children_spawned - 1
+    asked, chance = _try_of(rng)
     look = _Look(
         scene=scene,
         goal=goal,
@@ -99,6 +98,14 @@ def plan(
         if way:
             return way
     return []
+
+
+def _try_of(rng: np.random.Generator) -> tuple[int, np.random.Generator]:
+    """Returns how often the expert was asked before in an episode, and random numbers of this time alone."""
+    seeds = rng.bit_generator.seed_seq
+    assert isinstance(seeds, np.random.SeedSequence), "an episode's generator counts what it spawned"
+    (own,) = rng.spawn(1)
+    return seeds.n_children_spawned - 1, own
 
 
 def _steps(look: _Look) -> Iterator[Atom]:
