@@ -1,6 +1,6 @@
 """Settings of ``policy=lerobot``."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from envs.core.errors import PolicyError
@@ -33,8 +33,12 @@ class PeftConfig:
     def __post_init__(self) -> None:
         if self.r < 1:
             raise PolicyError(f"peft.r, the rank of the adapters, must be 1 or more, given {self.r}.")
-        if not self.method_type and (self.target_modules or self.full_training_modules or self.lora_alpha):
-            raise PolicyError("peft.* without a method has no effect: add peft.method_type=LORA.")
+        given = [f"peft.{item.name}" for item in fields(self) if getattr(self, item.name) != item.default]
+        if given and not self.method_type:
+            raise PolicyError(
+                "peft.* without a method has no effect: add peft.method_type=LORA, or leave out "
+                f"{' and '.join(given)}."
+            )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

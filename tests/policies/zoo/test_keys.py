@@ -92,6 +92,8 @@ class TestKeys:
         [
             (["type=smolvla", "peft.method_type=LORA"], "adapts a trained policy: give policy.path"),
             (["policy.path=base", "peft.lora_alpha=8"], "has no effect: add peft.method_type=LORA"),
+            (["policy.path=base", "peft.r=4"], "add peft.method_type=LORA, or leave out peft.r"),
+            (["policy.path=base", "peft.init_type=gaussian"], "or leave out peft.init_type"),
             (["policy.path=base", "peft.r=0"], "must be 1 or more, given 0"),
             (["rename_map={front:a,wrist:a}"], "gives two cameras the same name"),
             (["rename_map=front"], "is no map of names. Write it in quotes, as in"),
