@@ -1,11 +1,18 @@
 """Which cameras and states a policy of LeRobot takes, and the sentence where they are not there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from envs.core.errors import PolicyError
+from envs.core.errors import PolicyError, unknown_name
+from policies.zoo.config import IMAGE_PREFIX
 
 FEWER_CAMERAS = ("smolvla", "pi0", "pi05", "pi0_fast", "xvla")
 """Types whose model leaves out, or pads and masks, a camera that is not there."""
+
+
+def cameras_of(features: Mapping[str, Any]) -> list[str]:
+    """Returns the names of the cameras among features."""
+    return [key.removeprefix(IMAGE_PREFIX) for key in features if key.startswith(IMAGE_PREFIX)]
 
 
 def missing_cameras(
@@ -34,6 +41,51 @@ def missing_cameras(
         f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing. Map them, as in "
         f"'rename_map={{{pairs}}}'."
     )
+
+
+def check_rename_map(
+    rename_map: Mapping[str, str],
+    type_name: str,
+    own: Sequence[str],
+    cameras: Sequence[str],
+    seen: Sequence[str],
+    where: str,
+) -> None:
+    """Checks that a map names cameras that are there and cameras of the policy, each of these once.
+
+    A policy that does with fewer cameras would otherwise act without the one whose name is wrong.
+
+    Args:
+        rename_map: Camera that is there to camera of the policy; names alone, or keys of observations.
+        type_name: LeRobot's policy type.
+        own: Cameras of the policy; none where it takes any name.
+        cameras: Cameras that may be named.
+        seen: Those that the policy is shown.
+        where: What has them: a task's name or ``the dataset``.
+
+    Raises:
+        PolicyError: if two cameras become the same one.
+        UnknownNameError: if a name is no camera.
+    """
+    hint = f"Write rename_map={{<camera of {where}>:<camera of the policy>}}."
+    targets = {name: name for name in seen}
+    for source, target in rename_map.items():
+        name, seen_as = source.removeprefix(IMAGE_PREFIX), target.removeprefix(IMAGE_PREFIX)
+        if name not in cameras:
+            raise unknown_name(f"camera of {where}", name, set(cameras), hint)
+        if own and seen_as not in own:
+            raise unknown_name(f"camera of the policy '{type_name}'", seen_as, own, hint)
+        targets[name] = seen_as
+    names: dict[str, list[str]] = {}
+    for name, seen_as in targets.items():
+        names.setdefault(seen_as, []).append(name)
+    for seen_as, several in names.items():
+        if len(several) > 1:
+            raise PolicyError(
+                f"rename_map={dict(rename_map)} gives two cameras the same name: {' and '.join(several)} of "
+                f"{where} are both {seen_as} of the policy. Give each its own, or name with cameras= those "
+                "that the policy is to see."
+            )
 
 
 def check_state_size(size: int, trained: int | None, widest: int | None) -> None:

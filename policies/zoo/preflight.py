@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from envs.core.errors import MissingExtraError, PolicyError
 from envs.core.extras import install_command
 from policies import checkpoint
-from policies.zoo.cameras import check_state_size, missing_cameras
+from policies.zoo.cameras import cameras_of, check_rename_map, check_state_size, missing_cameras
 from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
 from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, check_settings, check_type
@@ -66,6 +66,7 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
         MissingExtraError: if a package is not installed.
         PolicyError: if the checkpoint is not there, of another type, or sees other cameras, or if LeRobot
             cannot train the type, or cannot act with it, without a setting that is absent.
+        UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     name, content = config.type, None
     if config.path:
@@ -84,6 +85,9 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
     _check_trainable(name, (content or {}) | config.settings)
     if config.peft.method_type:
         check_packages("peft.*", "peft")
+    inputs = (content or {}).get("input_features") or {}
+    own, cameras = cameras_of(inputs), cameras_of(features)
+    check_rename_map(config.rename_map, name, own, cameras, cameras, "the dataset")
     if content is not None:
         _check_features(name, content, features, full_rename_map(config.rename_map))
 
@@ -106,10 +110,10 @@ def _check_features(
     name: str, content: Mapping[str, Any], features: Mapping[str, Any], rename_map: Mapping[str, str]
 ) -> None:
     inputs = content.get("input_features") or {}
-    wanted = [key.removeprefix(IMAGE_PREFIX) for key in inputs if key.startswith(IMAGE_PREFIX)]
-    keys = [key for key in features if key.startswith(IMAGE_PREFIX)]
+    cameras = cameras_of(features)
+    keys = [IMAGE_PREFIX + camera for camera in cameras]
     given = [rename_map.get(key, key).removeprefix(IMAGE_PREFIX) for key in keys]
-    missing_cameras(name, wanted, given, [key.removeprefix(IMAGE_PREFIX) for key in keys], "the dataset")
+    missing_cameras(name, cameras_of(inputs), given, cameras, "the dataset")
     if _STATE in features:
         trained = inputs[_STATE]["shape"][0] if _STATE in inputs else None
         check_state_size(int(features[_STATE]["shape"][0]), trained, content.get("max_state_dim"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from envs.core.errors import ConfigError, unknown_name
+from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
 
 ANY_SIZE = ("lerobot", "openvla", "octo")
@@ -40,7 +40,7 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
         rename_map: Camera of the task to camera of the policy.
 
     Raises:
-        PolicyError: if no camera of the task is one of the policy.
+        PolicyError: if no camera of the task is one of the policy, or two become the same one.
         UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
@@ -48,7 +48,8 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
 
     of_task = {key: given[key] for key in ("task", "task_kwargs", "robot") if key in given}
     present = task_cameras(EnvSpec(**of_task))
-    _check_names(checkpoint, given["task"], (*present, *given.get("cameras", ())), rename_map)
+    seen = given.get("cameras") or present
+    _check_names(checkpoint, given["task"], (*present, *seen), seen, rename_map)
     is_published = "input_features" not in read_json(checkpoint / CONFIG)
     if policy_type(checkpoint) == "openvla" and (is_published or rename_map):
         from policies.openvla.config import IMAGE_PX
@@ -73,7 +74,7 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
 
     Raises:
         ConfigError: if the state or the actions are of another width.
-        PolicyError: if a camera that the policy needs is not there.
+        PolicyError: if a camera that the policy needs is not there, or two become the same one.
         UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
@@ -83,10 +84,11 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
 
     if policy_type(checkpoint) not in ANY_SIZE:
         return
-    _check_names(checkpoint, env.task, (*task_cameras(env), *env.cameras), rename_map)
+    present = task_cameras(env)
+    cameras = env.cameras or present[:1]
+    _check_names(checkpoint, env.task, (*present, *cameras), cameras, rename_map)
     if policy_type(checkpoint) == "lerobot":
         wanted = list(seen_cameras(checkpoint, rename_map))
-        cameras = env.cameras or task_cameras(env)[:1]
         missing_cameras(policy_label(checkpoint), wanted, cameras, cameras, env.task)
     content = read_json(checkpoint / CONFIG)
     features, _, robot = task_layout(CollectConfig(env=replace(env, scenario={})))
@@ -108,26 +110,22 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
             )
 
 
-def _check_names(checkpoint: Path, task: str, cameras: Sequence[str], rename_map: Mapping[str, str]) -> None:
-    """Checks that a map names cameras of the task and of the policy.
-
-    A policy that does with fewer cameras would otherwise act without the one whose name is wrong.
-    """
+def _check_names(
+    checkpoint: Path, task: str, cameras: Sequence[str], seen: Sequence[str], rename_map: Mapping[str, str]
+) -> None:
+    """Checks the map of a checkpoint's cameras; see :func:`policies.zoo.cameras.check_rename_map`."""
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json
-    from policies.zoo.config import IMAGE_PREFIX
+    from policies.zoo.cameras import cameras_of, check_rename_map
 
     kind = policy_type(checkpoint)
     if kind == "octo":  # takes no map, and says so
         return
-    features = read_json(checkpoint / CONFIG).get("input_features") or {}
-    own = [key.removeprefix(IMAGE_PREFIX) for key in features if key.startswith(IMAGE_PREFIX)]
-    for source, target in rename_map.items():
-        name, seen_as = source.removeprefix(IMAGE_PREFIX), target.removeprefix(IMAGE_PREFIX)
-        hint = "Write rename_map={<camera of the task>:<camera of the policy>}."
-        if name not in cameras:
-            raise unknown_name(f"camera of {task}", name, set(cameras), hint)
-        if kind == "lerobot" and own and seen_as not in own:
-            raise unknown_name(f"camera of the policy '{policy_label(checkpoint)}'", seen_as, own, hint)
+    own: Sequence[str] = ()
+    if kind == "openvla":  # sees one camera, by whatever name
+        seen = ()
+    else:
+        own = cameras_of(read_json(checkpoint / CONFIG).get("input_features") or {})
+    check_rename_map(rename_map, policy_label(checkpoint), own, cameras, seen, task)
 
 
 def show_cameras(policy: Any, env: EnvSpec, rename_map: Mapping[str, str]) -> None:

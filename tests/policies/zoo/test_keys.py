@@ -3,7 +3,6 @@
 import copy
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from policies.zoo.types import settings_of, type_names
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import from_values, to_values
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, observation, stats
+from tests.policies.zoo.foreign import check, evaluate, image, smolvla_base, write
 
 LANGUAGE = {"smolvla", "pi0", "pi05", "pi0_fast", "xvla", "multi_task_dit", "groot", "wall_x", "eo1"}
 
@@ -133,16 +133,6 @@ class TestKeys:
 # --- checkpoints --------------------------------------------------------------------------------------
 
 
-def write(folder: Path, **values) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.json").write_text(json.dumps(values))
-    return folder
-
-
-def image(size: int) -> dict:
-    return {"type": "VISUAL", "shape": [3, size, size]}
-
-
 def test_a_type_that_is_not_registered_is_of_lerobot(tmp_path):
     write(tmp_path, type="smolvla")
     assert (checkpoint.policy_type(tmp_path), checkpoint.policy_label(tmp_path)) == ("lerobot", "smolvla")
@@ -170,22 +160,9 @@ def test_the_weights_are_the_network_or_the_adapters_or_an_index(tmp_path):
         assert checkpoint.weights_path(tmp_path).name == name
 
 
-def evaluate(checkpoint_folder: Path, *words: str):
-    from roboverse_learn.commands.tested_checkpoint import checkpoint_to_test
-
-    return checkpoint_to_test(compose("evaluate", [f"checkpoint={checkpoint_folder}", *words]))
-
-
 @pytest.fixture
 def foreign(tmp_path):
-    """A SmolVLA of another program; its weights are not read before the cameras are."""
-    features = {"observation.images.camera1": image(256), "observation.images.camera2": image(256),
-                "observation.state": {"type": "STATE", "shape": [6]}}  # fmt: skip
-    output = {"action": {"type": "ACTION", "shape": [6]}}
-    values = {"input_features": features, "output_features": output, "max_state_dim": 32}
-    folder = write(tmp_path / "smolvla_base", type="smolvla", **values)
-    (folder / "model.safetensors").write_bytes(b"weights")
-    return folder
+    return smolvla_base(tmp_path / "smolvla_base")
 
 
 def test_a_checkpoint_of_others_needs_its_cameras(foreign):
@@ -194,29 +171,6 @@ def test_a_checkpoint_of_others_needs_its_cameras(foreign):
     tested = evaluate(foreign, "task=PickCube", "rename_map={front:camera1}")
     assert (tested.env.cameras, tested.env.image_size) == (("front",), 256)
     assert tested.run.endswith("-front=camera1")
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ("frnt:camera1", "Unknown camera of PickCube 'frnt'. Did you mean 'front'?"),
-        (
-            "front:camera1,wrist:camra2",
-            "Unknown camera of the policy 'smolvla' 'camra2'. Did you mean 'camera2'?",
-        ),
-    ],
-)
-def test_a_map_names_cameras_of_the_task_and_of_the_policy(foreign, given: str, message: str):
-    with pytest.raises(UnknownNameError, match=re.escape(message)):
-        evaluate(foreign, "task=PickCube", f"rename_map={{{given}}}")
-
-
-def test_a_map_may_have_lerobots_whole_keys_and_name_a_camera_that_stays_empty(foreign):
-    config = json.loads((foreign / "config.json").read_text())
-    config["input_features"]["observation.images.empty_camera_0"] = image(256)
-    (foreign / "config.json").write_text(json.dumps(config))
-    keys = '{"observation.images.front": "observation.images.camera1", "wrist": "empty_camera_0"}'
-    assert evaluate(foreign, "task=PickCube", f"rename_map={keys}").env.cameras == ("front",)
 
 
 def test_actions_of_another_width_are_one_sentence(foreign):
@@ -248,19 +202,14 @@ def test_the_policy_that_is_named_must_be_the_checkpoints(foreign):
 class TestPreflight:
     """What is known before demonstrations are collected."""
 
-    def check(self, *words: str):
-        from roboverse_learn.training.learners import learner_of
-
-        learner_of(compose("train", ["policy=lerobot", "task=PickCube", *words]), "cpu").check()
-
     def test_a_missing_package_is_named_with_what_to_install(self, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: None)
         with pytest.raises(
             MissingExtraError,
             match=f"smolvla needs transformers and num2words: {re.escape(install_command('vla'))}",
         ):
-            self.check("type=smolvla")
-        self.check("type=vqbet")  # which needs none
+            check("type=smolvla")
+        check("type=vqbet")  # which needs none
 
     @pytest.mark.parametrize(
         ("type_name", "absent"),
@@ -274,8 +223,8 @@ class TestPreflight:
             MissingExtraError,
             match=f"LeRobot's {type_name} needs {absent}: {re.escape(install_command('vla'))}",
         ):
-            self.check(f"type={type_name}")
-        self.check("type=xvla")  # which does not need it
+            check(f"type={type_name}")
+        check("type=xvla")  # which does not need it
 
     @pytest.mark.parametrize(
         ("type_name", "setting"),
@@ -284,23 +233,23 @@ class TestPreflight:
     def test_what_cannot_be_trained_or_act_as_it_is_set_is_refused(self, type_name, setting, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: name)
         with pytest.raises(PolicyError, match=rf"LeRobot.*{type_name}.*Add {setting}"):
-            self.check(f"type={type_name}")
-        self.check(f"type={type_name}", setting)
+            check(f"type={type_name}")
+        check(f"type={type_name}", setting)
 
     def test_the_cameras_of_the_checkpoint_are_those_of_the_task(self, foreign, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: name)
         with pytest.raises(
             PolicyError, match=r"camera1, camera2, and the dataset has front: camera1, camera2 are"
         ):
-            self.check(f"policy.path={foreign}", "cameras=[front]")
-        self.check(f"policy.path={foreign}", "cameras=[front]", "rename_map={front:camera2}")
+            check(f"policy.path={foreign}", "cameras=[front]")
+        check(f"policy.path={foreign}", "cameras=[front]", "rename_map={front:camera2}")
 
     def test_the_settings_are_those_of_its_type(self, foreign, monkeypatch):
         monkeypatch.setattr(preflight, "find_spec", lambda name: name)
         with pytest.raises(PolicyError, match="smolvla has no setting 'florence_config'"):
-            self.check(f"policy.path={foreign}", "policy.florence_config=1")
+            check(f"policy.path={foreign}", "policy.florence_config=1")
         with pytest.raises(PolicyError, match="is of type smolvla, and type=xvla was given"):
-            self.check(f"policy.path={foreign}", "type=xvla")
+            check(f"policy.path={foreign}", "type=xvla")
 
 
 # --- a type that needs no extra -----------------------------------------------------------------------
