@@ -23,7 +23,7 @@ from policies import checkpoint
 from policies.lerobot_policy import Processors
 from policies.zoo import adapters
 from policies.zoo.assets import carried, read_assets, tokenizer_from
-from policies.zoo.config import LeRobotConfig
+from policies.zoo.config import LeRobotConfig, check_preset
 from policies.zoo.preflight import check_type_packages
 from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, type_names
@@ -328,17 +328,11 @@ def with_preset(model: Any, config: Any) -> Any:
     Raises:
         PolicyError: if a value that the preset decides was changed.
     """
-    preset, defaults = model.config.get_optimizer_preset(), type(config)()
+    check_preset(config)
+    preset = model.config.get_optimizer_preset()
     values = {"lr": preset.lr, "weight_decay": preset.weight_decay, "grad_clip": preset.grad_clip_norm}
     if hasattr(preset, "betas"):
         values["betas"] = tuple(preset.betas)
-    changed = [key for key in values if getattr(config, key) != getattr(defaults, key)]
-    if changed:
-        raise PolicyError(
-            f"{', '.join(f'train.{key}' for key in changed)} would have no effect: LeRobot's preset of "
-            f"{model.config.type} decides it. Change the preset, as in policy.optimizer_lr=1e-5, or add "
-            "policy.use_policy_training_preset=false."
-        )
     return replace(config, **values)
 
 

@@ -8,6 +8,9 @@ from policies.zoo.types import check_settings, check_type
 
 IMAGE_PREFIX = "observation.images."
 
+_OF_PRESET = ("lr", "weight_decay", "grad_clip", "betas")
+"""Settings of training that LeRobot's preset decides."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PeftConfig:
@@ -83,6 +86,37 @@ class LeRobotConfig:
                 "peft.* to "
                 "train a policy from the start."
             )
+
+    def check_training(self, train: Any) -> None:
+        """Checks that training is given no setting that LeRobot's preset decides.
+
+        Args:
+            train: A :class:`roboverse_learn.training.config.TrainConfig`.
+
+        Raises:
+            PolicyError: if one is.
+        """
+        if self.use_policy_training_preset:
+            check_preset(train)
+
+
+def check_preset(train: Any) -> None:
+    """Checks that no setting that LeRobot's preset decides was changed.
+
+    Args:
+        train: A :class:`roboverse_learn.training.config.TrainConfig`.
+
+    Raises:
+        PolicyError: if one was.
+    """
+    defaults = type(train)()
+    changed = [key for key in _OF_PRESET if getattr(train, key) != getattr(defaults, key)]
+    if changed:
+        raise PolicyError(
+            f"{', '.join(f'train.{key}' for key in changed)} would have no effect: LeRobot's preset of the "
+            "policy decides it. Change the preset, as in policy.optimizer_lr=1e-5, or add "
+            "policy.use_policy_training_preset=false."
+        )
 
 
 def full_rename_map(given: dict[str, str]) -> dict[str, str]:

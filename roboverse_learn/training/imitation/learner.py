@@ -34,10 +34,13 @@ class ImitationLearner(Learner):
         Raises:
             ConfigError: if there are no demonstrations of one of several tasks, they cannot be collected,
                 their images, or what the policy cannot pad, differ, or a batch is too small for them.
+            PolicyError: if the policy takes no setting of training that is given.
         """
         from roboverse_learn.commands.dataset_layout import dataset_layout
 
         config = self.config
+        if check := getattr(config.policy, "check_training", None):
+            check(config.train)
         if config.train.resume_from:
             self._check_beginning()
         if self._asks_wrongly:

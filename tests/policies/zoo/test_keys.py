@@ -251,6 +251,13 @@ class TestPreflight:
         with pytest.raises(PolicyError, match="is of type smolvla, and type=xvla was given"):
             check(f"policy.path={foreign}", "type=xvla")
 
+    def test_a_setting_that_lerobots_preset_decides_is_refused(self):
+        check("type=vqbet", "preset=gpu")
+        for word in ("train.lr=1e-3", "train.betas=[0.5,0.9]"):
+            with pytest.raises(PolicyError, match=r"would have no effect: LeRobot's preset.* or add policy"):
+                check("type=vqbet", word)
+            check("type=vqbet", word, "policy.use_policy_training_preset=false")
+
 
 # --- a type that needs no extra -----------------------------------------------------------------------
 
