@@ -30,7 +30,6 @@ from policies.zoo.config import LeRobotConfig, full_rename_map
 from policies.zoo.features import keep_cameras, matched_inputs, statistics
 from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
 from policies.zoo.source import base_name
-from policies.zoo.types import type_names
 
 logger = logging.getLogger(__name__)
 
@@ -71,12 +70,6 @@ class LeRobotZooPolicy(LeRobotPolicy):
         config: LeRobotConfig,
         device: str,
     ) -> Self:
-        if not config.type and not config.path:
-            raise PolicyError(
-                "policy=lerobot needs type=<name>, as in type=smolvla, or policy.path=<folder or hub name> "
-                "to "
-                f"fine-tune. Types: {', '.join(type_names())}."
-            )
         check_lerobot(config, features)
         inputs, outputs = policy_features(features)
         rename = full_rename_map(config.rename_map)

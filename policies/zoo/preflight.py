@@ -10,7 +10,7 @@ from policies import checkpoint
 from policies.zoo.cameras import cameras_of, check_rename_map, check_state_size, missing_cameras
 from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
 from policies.zoo.source import local_folder
-from policies.zoo.types import EXTRA, check_settings, check_type
+from policies.zoo.types import EXTRA, check_settings, check_type, type_names
 
 if TYPE_CHECKING:
     from policies.octo.config import OctoConfig
@@ -64,8 +64,9 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
 
     Raises:
         MissingExtraError: if a package is not installed.
-        PolicyError: if the checkpoint is not there, of another type, or sees other cameras, or if LeRobot
-            cannot train the type, or cannot act with it, without a setting that is absent.
+        PolicyError: if neither type nor checkpoint is given, if the checkpoint is not there, of another type,
+            or sees other cameras, or if LeRobot cannot train the type, or cannot act with it, without a
+            setting that is absent.
         UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     name, content = config.type, None
@@ -80,7 +81,10 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
         check_type(name)
         check_settings(name, config.settings)
     if not name:
-        return  # which making the policy says
+        raise PolicyError(
+            "policy=lerobot needs type=<name>, as in type=smolvla, or policy.path=<folder or hub name> to "
+            f"fine-tune. Types: {', '.join(type_names())}."
+        )
     check_type_packages(name)
     _check_trainable(name, (content or {}) | config.settings)
     if config.peft.method_type:

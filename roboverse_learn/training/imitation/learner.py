@@ -48,11 +48,11 @@ class ImitationLearner(Learner):
                 still_of(task)
         if len(config.tasks) > 1:
             self._check_several()
-        self._check_shares()
         features = dataset_layout(config)[0]
         self._check_swap(features)
         if check := policies.check_of(config.policy_name):
             check(config.policy, features)
+        self._check_shares()  # last, for it may import the policy
 
     def _check_swap(self, features: "Mapping[str, Feature]") -> None:
         """Checks that the camera whose images are to be swapped is seen."""

@@ -258,6 +258,12 @@ class TestPreflight:
                 check("type=vqbet", word)
             check("type=vqbet", word, "policy.use_policy_training_preset=false")
 
+    def test_neither_a_type_nor_a_checkpoint_is_refused_before_lerobots_policies_are_imported(self):
+        with pytest.raises(
+            PolicyError, match=r"needs type=<name>, as in type=smolvla.*Types: act, diffusion"
+        ):
+            check()
+
 
 # --- a type that needs no extra -----------------------------------------------------------------------
 
