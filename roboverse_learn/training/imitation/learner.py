@@ -179,7 +179,7 @@ class ImitationLearner(Learner):
             return ""
         return (
             f"train.steps={config.steps} are all warm-up (train.warmup_steps={config.warmup_steps}): "
-            "training ends while the learning rate still rises to train.lr, and the policy learns little. "
+            "training ends while the learning rate still rises to its peak, and the policy learns little. "
             "Give more steps, or a shorter warm-up."
         )
 

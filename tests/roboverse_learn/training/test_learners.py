@@ -119,6 +119,10 @@ def test_a_batch_smaller_than_its_tasks_is_refused_before_demonstrations_are_col
     [
         (["train.steps=50"], "train.steps=50 are all warm-up (train.warmup_steps=100)"),
         (["train.steps=100"], "train.steps=100 are all warm-up"),
+        (
+            ["policy=lerobot", "type=vqbet", "train.steps=50", "train.warmup_steps=50"],  # of LeRobot's rate
+            "while the learning rate still rises to its peak, and",
+        ),
         (["train.steps=101"], ""),
         (["train.steps=50", "train.warmup_steps=5"], ""),
         (["train.steps=1", "train.warmup_steps=0"], ""),
