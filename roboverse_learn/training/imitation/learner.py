@@ -132,7 +132,7 @@ class ImitationLearner(Learner):
                 present = ", ".join(camera.name for camera in task.scenario.cameras)
                 raise ConfigError(
                     f"cameras={listed(env.cameras)} must be cameras of every task that is learned, and "
-                    f"{name} has {present}. Name those, or give cameras=[all]."
+                    f"{name} has {present}. {_shared_cameras(tasks)}"
                 ) from error
             sizes[name] = ", ".join(f"{camera.name} of {camera.width} × {camera.height}" for camera in seen)
         first, other = _first_and_unlike(sizes)
@@ -228,6 +228,14 @@ class ImitationLearner(Learner):
             return Mixture.open(folders, self.device)
         (folder,) = folders.values()
         return ResidentDataset(folder, device=self.device)
+
+
+def _shared_cameras(tasks: "Mapping[str, Task]") -> str:
+    """Says which cameras to name: those that all tasks have."""
+    first, *others = ([camera.name for camera in task.scenario.cameras] for task in tasks.values())
+    if shared := [name for name in first if all(name in each for each in others)]:
+        return f"Name those that all have, as in cameras={listed(shared)}."
+    return "The tasks have no camera in common: learn tasks of one suite together."
 
 
 def _first_and_unlike(of_tasks: "Mapping[str, str]") -> tuple[str, str | None]:

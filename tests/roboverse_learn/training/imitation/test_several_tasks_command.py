@@ -111,6 +111,14 @@ def test_demonstrations_of_one_task_are_no_source_of_several():
             r"cameras=\[front,wrist\] must be .* calvin/D/rotate_red_block_right has static, gripper\. Name",
         ),
         (
+            ["suite=calvin", "cameras=[front]"],
+            r"Name those that all have, as in cameras=\[static,gripper\]\.",
+        ),
+        (
+            ["task=[PickCube,calvin/D/open_drawer]", "cameras=[front]"],
+            r"calvin/D/open_drawer has static, gripper\. The tasks have no camera in common: learn",
+        ),
+        (
             ["task=[PickCube,calvin/D/open_drawer]"],
             r"PickCube and calvin/D/open_drawer cannot .* front of 64 × 64, the other static of 64 × 64",
         ),
