@@ -133,9 +133,10 @@ def check_learned(directory: Path, task: str, *, other_tasks: bool = False) -> N
     reads = "input_features" in read_json(resolve(directory) / CONFIG)  # LeRobot's; agents take no words
     if not (reads and other_tasks):
         advice = ", or evaluate it there nevertheless with other_tasks=true" if reads else ""
+        tasks = f"task{'s' * (len(learned) > 1)} {' and '.join(learned)}"
         raise PolicyError(
-            f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the task "
-            f"{' and '.join(learned)}, not {task}. Give task={' or task='.join(learned)}, or "
+            f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the {tasks}, not {task}. "
+            f"Give task={' or task='.join(learned)}, or "
             f"train it on {task}{advice}."
         )
 

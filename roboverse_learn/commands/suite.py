@@ -170,12 +170,22 @@ def _each_task[T](suite: str, do: Callable[[str], T]) -> tuple[dict[str, T], dic
             raise
         except RoboVerseError as error:
             failed[task] = str(error)
-            log.warning("%s is left out: %s", task, error)
+            log.warning("%s is left out: %s", task, brief_reasons(failed)[task])
     if not done:
-        reasons = list(dict.fromkeys(failed.values()))
-        more = f" (and {len(reasons) - 1} other reasons)" if len(reasons) > 1 else ""
+        reasons = [why for task, why in brief_reasons(failed).items() if why == failed[task]]
+        others = len(reasons) - 1
+        more = f" (and {others} other reason{'s' * (others > 1)})" if others else ""
         raise ConfigError(f"No task of the suite '{suite}' could run: {reasons[0]}{more}")
     return done, failed
+
+
+def brief_reasons(failed: Mapping[str, str]) -> dict[str, str]:
+    """Returns why tasks failed, where a reason that is another task's, too, is not said a second time."""
+    brief, first_of = {}, {}
+    for task, why in failed.items():
+        first = first_of.setdefault(why.replace(task, ""), task)
+        brief[task] = why if task == first else f"the same as for {first}"
+    return brief
 
 
 def _run_name(config: EvaluateConfig) -> str:

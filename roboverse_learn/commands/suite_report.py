@@ -14,7 +14,7 @@ from roboverse_learn.commands.report import (
     unbroken,
     wording_table,
 )
-from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation
+from roboverse_learn.commands.suite import SuiteCollection, SuiteEvaluation, brief_reasons
 
 
 class SuiteReport(Group):
@@ -61,7 +61,8 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
 
 
 def _with_failures(failed: Mapping[str, str], *parts: Table | Group) -> SuiteReport:
-    lines = [f"Left out {len(failed)}:", *(f"  {task}: {why}" for task, why in failed.items())]
+    reasons = brief_reasons(failed)
+    lines = [f"Left out {len(failed)}:", *(f"  {task}: {why}" for task, why in reasons.items())]
     report = SuiteReport(*parts, *([unbroken("\n".join(lines))] if failed else []))
     report.ok = not failed
     return report

@@ -78,7 +78,8 @@ def test_a_task_that_was_not_learned(tmp_path, content, learned, refused):
     for task in learned:
         check_learned(tmp_path, task)
     if refused:
-        said = f"'{content['type']}' learned the task {' and '.join(learned)}, not {refused}. "
+        tasks = f"task{'s' * (len(learned) > 1)} {' and '.join(learned)}"
+        said = f"'{content['type']}' learned the {tasks}, not {refused}. "
         said += f"Give task={' or task='.join(learned)}, or train it on {refused}.$"
         with pytest.raises(PolicyError, match=said):
             check_learned(tmp_path, refused)

@@ -11,7 +11,8 @@ from envs.core.errors import ConfigError, UnknownNameError
 from envs.tasks.suites import SUITES
 from policies.zoo import source
 from roboverse_learn import api, cli
-from roboverse_learn.commands.suite import _run_name
+from roboverse_learn.commands.suite import SuiteCollection, _run_name
+from roboverse_learn.commands.suite_report import suite_collection_report
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.sweep import plan
@@ -80,6 +81,29 @@ def test_a_suite_none_of_which_can_run_is_an_error(monkeypatch, tmp_path):
     SUITES.add("gone", ("GoneTask", "LostTask"))
     with pytest.raises(ConfigError, match=r"No task of the suite 'gone' could run: Unknown task 'GoneTask'"):
         api.evaluate("random", suite="gone", results_dir=str(tmp_path))
+
+
+def test_a_suite_that_a_checkpoint_did_not_learn_is_refused_with_one_reason(monkeypatch, tmp_path, caplog):
+    monkeypatch.setattr(SUITES, "_entries", dict(SUITES._entries))
+    SUITES.add("others", ("StackCube", "CloseBox", "GoneTask"))
+    content = {"type": "ppo", "tasks": {"PickCube": {}, "PushCube": {}}, "observation": {}}
+    (tmp_path / "config.json").write_text(json.dumps(content))
+    (tmp_path / "model.safetensors").touch()
+    with pytest.raises(ConfigError, match=r"the tasks PickCube and PushCube, not StackC.* 1 other r") as said:
+        api.evaluate(str(tmp_path), suite="others", image_size=64, results_dir=str(tmp_path))
+    assert "CloseBox" not in str(said.value)
+    logged = [record.getMessage() for record in caplog.records if "left out" in record.getMessage()]
+    assert logged[1] == "CloseBox is left out: the same as for StackCube"
+    assert "not StackCube. Give" in logged[0] and "Unknown task 'GoneTask'" in logged[2]
+
+
+def test_a_report_says_a_reason_of_several_tasks_once():
+    why = {task: f"It did not learn {task}." for task in ("A1", "B1")} | {"C1": "It has no expert."}
+    report = suite_collection_report(SuiteCollection(suite="any", collected={}, failed=why))
+    said = str(report.renderables[-1])
+    assert said.splitlines()[1:] == [
+        "  A1: It did not learn A1.", "  B1: the same as for A1", "  C1: It has no expert."
+    ]  # fmt: skip
 
 
 def test_options_that_one_task_lacks_are_said_of_that_task(suite, tmp_path):

@@ -88,7 +88,7 @@ def test_a_task_of_a_suite_that_was_not_learned_starts_no_process(started, tmp_p
         tmp_path / "agent", {"type": "tdmpc2", "observation": {}, "tasks": dict.fromkeys(TASKS)}
     )
     words = [f"checkpoint={folder}", "suite=three", "device=cpu", "tasks_at_once=3"]
-    with pytest.raises(PolicyError, match="learned the task PickCube and StackCube, not PushCube"):
+    with pytest.raises(PolicyError, match="learned the tasks PickCube and StackCube, not PushCube"):
         checkpoint_to_test(compose("evaluate", [*words[:1], "task=PushCube"]))
     with pytest.raises(ConfigError, match="No task of the suite 'three' could run"):  # it has no weights
         evaluate_all(compose("evaluate", [*words, f"results_dir={tmp_path}"]))

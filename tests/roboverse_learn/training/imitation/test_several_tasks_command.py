@@ -273,7 +273,7 @@ def test_one_command_trains_and_evaluates_each_task(tmp_path, monkeypatch, capsy
         "PickCube",
         "StackCube",
     }
-    with pytest.raises(PolicyError, match="learned the task PickCube and StackCube, not CloseBox"):
+    with pytest.raises(PolicyError, match="learned the tasks PickCube and StackCube, not CloseBox"):
         from roboverse_learn.evaluate import evaluate_all
 
         evaluate_all(compose("evaluate", [f"checkpoint={checkpoint}", "task=CloseBox", *words]))

@@ -220,7 +220,7 @@ def test_no_other_task_is_evaluated_or_demonstrated(trained, capsys):
     words = [f"checkpoint={run}", "task=control/franka_reach", f"results_dir={trained}/none"]
     assert cli.main(["evaluate", *words]) == 2
     logged = capsys.readouterr().err
-    assert f"learned the task {FIRST} and {SECOND}, not control/franka_reach. Give" in logged
+    assert f"learned the tasks {FIRST} and {SECOND}, not control/franka_reach. Give" in logged
     with pytest.raises(PolicyError, match=f"Give task={FIRST} or task={SECOND}, or train it on PickCube"):
         find_demonstrator(str(run), "PickCube")
 
