@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from envs.core.errors import PolicyError
 from policies import checkpoint
 
 FOLDER, INDEX = "assets", "assets.json"
@@ -43,11 +44,20 @@ _NO_WEIGHTS = (".json", ".txt", ".model", ".jinja", ".py")
 
 
 def read_assets(directory: Path) -> dict[str, str]:
-    """Returns the absolute folder of each name that a checkpoint carries; none for one of another program."""
+    """Returns the absolute folder of each name that a checkpoint carries; none for one of another program.
+
+    Raises:
+        PolicyError: if such a folder is missing.
+    """
     if not (directory / INDEX).is_file():
         return {}
-    entries = checkpoint.read_json(directory / INDEX).items()
-    return {name: str((directory / str(copy)).resolve()) for name, copy in entries}
+    entries = checkpoint.read_json(directory / INDEX)
+    if missing := [str(copy) for copy in entries.values() if not (directory / str(copy)).is_dir()]:
+        raise PolicyError(
+            f"Checkpoint '{directory}' has no {' and no '.join(missing)}, which its {INDEX} names: the "
+            f"tokenizer or the configuration of a backbone. Copy the checkpoint again, with its {FOLDER}."
+        )
+    return {name: str((directory / str(copy)).resolve()) for name, copy in entries.items()}
 
 
 def write_assets(

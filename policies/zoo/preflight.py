@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from envs.core.errors import MissingExtraError, PolicyError
 from envs.core.extras import install_command
 from policies import checkpoint
+from policies.zoo.assets import read_assets
 from policies.zoo.cameras import cameras_of, check_rename_map, check_state_size, missing_cameras
 from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
 from policies.zoo.source import local_folder
@@ -73,6 +74,7 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
     if config.path:
         folder = local_folder(config.path)
         content = checkpoint.read_json(folder / checkpoint.CONFIG)
+        read_assets(folder)  # says what is missing
         name = str(content.get("type"))
         if config.type not in ("", name):
             raise PolicyError(

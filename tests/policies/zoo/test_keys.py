@@ -258,6 +258,17 @@ class TestPreflight:
                 check("type=vqbet", word)
             check("type=vqbet", word, "policy.use_policy_training_preset=false")
 
+    def test_a_checkpoint_without_its_assets_is_refused(self, foreign, monkeypatch):
+        monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+        (foreign / "assets.json").write_text('{"owner/backbone": "assets/backbone"}')
+        said = r"smolvla_base' has no assets/backbone, which its assets\.json names: .* with its assets\."
+        with pytest.raises(PolicyError, match=said):
+            check(f"policy.path={foreign}", "rename_map={front:camera1}")
+        with pytest.raises(PolicyError, match=said):
+            policies.load(foreign)
+        (foreign / "assets" / "backbone").mkdir(parents=True)
+        check(f"policy.path={foreign}", "rename_map={front:camera1}")
+
     def test_neither_a_type_nor_a_checkpoint_is_refused_before_lerobots_policies_are_imported(self):
         with pytest.raises(
             PolicyError, match=r"needs type=<name>, as in type=smolvla.*Types: act, diffusion"
