@@ -4,10 +4,12 @@ Other packages register protocols through the entry-point group ``roboverse.prot
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
+from envs.core.errors import ConfigError
 from envs.core.registry import Registry
+from envs.tasks import TASKS
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +51,25 @@ PROTOCOLS.add(
     ),
     summary="CALVIN's actions, observations and looks, one instruction an episode; its chains with chains=",
 )
+
+
+def check_protocol(name: str, task: str) -> None:
+    """Checks that a task has the options that a protocol sets.
+
+    Args:
+        name: Name of the protocol; empty checks nothing.
+        task: Name of the task.
+
+    Raises:
+        ConfigError: It lacks one: it is of another benchmark.
+        UnknownNameError: There is no such protocol, or no such task.
+    """
+    if not name:
+        return
+    options: Any = fields(TASKS.get(task))  # pyright: ignore[reportArgumentType]
+    missing = set(PROTOCOLS.get(name).env.get("task_kwargs", {})) - {item.name for item in options}
+    if missing:
+        raise ConfigError(
+            f"protocol={name} is not for {task}, which lacks its {', '.join(sorted(missing))}. Give a "
+            f"task or suite of that benchmark, or leave protocol={name} out."
+        )

@@ -11,6 +11,7 @@ from envs.core.errors import ConfigError
 from envs.core.machine import check_device_name
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
+from envs.tasks.protocols import check_protocol
 from roboverse_learn.commands.checkpoint_names import name_without_run
 from roboverse_learn.commands.learned_robots import (
     Learned,
@@ -148,6 +149,7 @@ def _checkpoint_with_run(folder: Path, checkpoint: Path, config: EvaluateConfig)
     from roboverse_learn.config.serialize import to_values
 
     trained = read_config(folder)
+    check_protocol(config.protocol, config.env.get("task", trained.env.task))
     check_validation(config.evaluate.splits, trained.policy_name, trained.collect.num_demos)
     env = _changed_env(trained.env, config.env)
     _warn_of_control_rate(trained, env)

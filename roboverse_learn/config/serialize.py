@@ -18,6 +18,7 @@ from envs.core.registry import OF_YOUR_OWN
 from envs.randomization.levels import unknown_level
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
+from envs.tasks.protocols import check_protocol
 from policies.base import listed
 from roboverse_learn.config.command_line_keys import flat_keys, unknown_key
 from roboverse_learn.config.scenario_overrides import checked_scenario
@@ -40,6 +41,8 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
         raise unknown_key(command, unknown[0], known)
     own = dict(values)
     env = {key: own.pop(key) for key in env_keys(command) if key in own}
+    for task in task_names(env["task"]) if own.get("protocol") and env.get("task") else ():
+        check_protocol(own["protocol"], task)
     try:
         if env_keys(command):
             own["env"] = _environment_of_tasks(command, env, checks_task=not own.get("suite"))
