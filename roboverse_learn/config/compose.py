@@ -44,6 +44,7 @@ from roboverse_learn.config.command_line_keys import (
     split_word,
 )
 from roboverse_learn.config.demonstration_keys import check_demonstration_keys
+from roboverse_learn.config.idle_keys import check_idle_keys
 from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.config.recipes import check_beside, read_recipe
 from roboverse_learn.config.recorded_settings import recorded_values
@@ -130,7 +131,9 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     check_keys_of_chains(bool(values.get("chains")), keys)
     _split_tasks(command, values, names_others="policy.tasks" in keys)
     _name_task_and_cameras(command, values, typed)
-    return from_values(command, values)
+    config = from_values(command, values)
+    check_idle_keys(values, keys)
+    return config
 
 
 def _check_paths(

@@ -161,6 +161,8 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     beside |= {"chains": "suite=calvin", "first_chain": "suite=calvin chains=1"}
     beside["only_corrections"] = "source=teleop path=r"
     beside["policy.bank_wordings"] = "policy.swap_wordings=true"
+    beside["policy.peft.r"] = "policy.path=base peft.method_type=LORA"
+    beside["policy.num_inference_steps"] = "policy.head=flow" if policy == "mtact" else ""
     words += beside.get(key, "").split()
     augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
     words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []

@@ -1,0 +1,28 @@
+"""Keys that have no effect beside the others are refused, also at their defaults."""
+
+import pytest
+
+from envs.core.errors import ConfigError
+from roboverse_learn.config.compose import compose
+
+
+def test_steps_of_sampling_need_a_head_that_samples():
+    said = r"num_inference_steps alone has no effect: add policy\.head=flow, or leave it out"
+    for words in (
+        ["policy.num_inference_steps=5"],
+        ["policy.head=regression", "policy.num_inference_steps=9"],
+    ):
+        with pytest.raises(ConfigError, match=said):
+            compose("train", ["policy=mtact", *words])
+    for policy in ("mtact", "diffusion"):
+        words = ["policy.head=flow"] if policy == "mtact" else []
+        config = compose("train", [f"policy={policy}", *words, "policy.num_inference_steps=5"])
+        assert config.policy.num_inference_steps == 5
+
+
+@pytest.mark.parametrize("policy", ["lerobot", "octo"])
+def test_settings_of_adapters_need_a_method(policy: str):
+    words = [f"policy={policy}", "policy.path=base", "peft.r=16"]
+    with pytest.raises(ConfigError, match=r"peft\.r alone has no effect: add peft\.method_type=LORA, or"):
+        compose("train", words)
+    assert compose("train", [*words, "peft.method_type=LORA"]).policy.peft.r == 16
