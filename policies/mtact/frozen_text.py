@@ -153,7 +153,8 @@ def _check_folder(folder: Path) -> Path:
     if not (folder / "config.json").is_file():
         raise PolicyError(
             f"policy.text_encoder={folder} is no folder of a model (config.json is missing). Give scratch, "
-            "or the folder of a BERT-like model as transformers saves it."
+            "or the folder of a BERT-like model as transformers saves it. A run that goes on reads it, too, "
+            "although its checkpoints hold a copy: put the folder back where it was."
         )
     return folder
 

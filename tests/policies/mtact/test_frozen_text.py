@@ -90,7 +90,7 @@ def test_the_present_folder_can_be_the_encoders(folder, tmp_path, monkeypatch):
 def test_an_encoder_that_is_absent_is_refused_before_demonstrations_are_collected(folder, tmp_path):
     words = ["policy=mtact", "task=PickCube"]
     learner_of(compose("train", [*words, f"text_encoder={folder}"]), "cpu").check()
-    with pytest.raises(PolicyError, match=r"is no folder of a model .*Give scratch"):
+    with pytest.raises(PolicyError, match=r"is no folder of a model .*Give scratch.* A run that .* back"):
         learner_of(compose("train", [*words, f"text_encoder={tmp_path}"]), "cpu").check()
 
 
