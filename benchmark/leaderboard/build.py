@@ -22,6 +22,7 @@ from benchmark.leaderboard.demonstrations_chart import demonstration_lines
 from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each, shown_entries
 from benchmark.leaderboard.headline import headline
 from benchmark.leaderboard.instructions_table import instructions_table, without_instruction_tests
+from benchmark.leaderboard.labels import options_of, settings_of
 from benchmark.leaderboard.overview import overview
 from benchmark.leaderboard.recipe_settings import completed
 from benchmark.leaderboard.results_folder import (
@@ -48,7 +49,6 @@ from benchmark.records import EpisodeRecord, Result
 from benchmark.statistics import compare, holm
 from envs.core.atomic import write_file
 from envs.core.fingerprint import canonical_json, digest
-from envs.core.json_values import flat
 
 SCHEMA_VERSION = 2
 
@@ -210,10 +210,8 @@ def _section(
                 "have the same index; they are left out of the paired comparison."
             )
     scene = key.get("scenario", {})
-    options = [*sorted(key["task_kwargs"].items()), *sorted(key.get("simulator_settings", {}).items())]
-    options += [("robot", key["robot"])] if "robot" in key else []
-    kwargs = ", ".join(f"{name}={value}" for name, value in options)
-    described = ", ".join(f"{name}={value}" for name, value in [*options, *sorted(flat(scene).items())])
+    env = entries[0][1].env
+    kwargs, described = ", ".join(options_of(env)), ", ".join(settings_of(env))
     title = f"{key['task']}" + (f" ({described})" if described else "")
     name = "-".join([key["protocol"], key["task"], kwargs, key["simulator"], key["renderer"]])
     unusual = [f"seed{key['protocol_seed']}"] if key["protocol_seed"] else []

@@ -6,6 +6,8 @@ from html import escape
 from typing import Any
 
 from benchmark.leaderboard.curve_chart import thousands
+from envs.core.json_values import flat
+from envs.spec import EnvSpec
 
 LEVELS = {
     0: ("object poses", "Only the task space varies: where objects and goals are."),
@@ -55,6 +57,18 @@ def name_of(word: str) -> str:
 def entry_name(entry: Mapping[str, Any]) -> str:
     """Returns an entry's policy: ``PPO by rsl_rl``."""
     return name_of(entry["policy"]) + entry["label"].removeprefix(entry["policy"])
+
+
+def options_of(env: EnvSpec) -> list[str]:
+    """Returns what an environment is given beside its task and its scene: ``["starts=libero"]``."""
+    options = [*sorted(env.task_kwargs.items()), *sorted(env.simulator_settings.items())]
+    options += [("robot", env.robot)] if env.robot else []
+    return [f"{name}={value}" for name, value in options]
+
+
+def settings_of(env: EnvSpec) -> list[str]:
+    """Returns what an environment is given beside its task, of its scene, too."""
+    return [*options_of(env), *(f"{name}={value}" for name, value in sorted(flat(env.scenario).items()))]
 
 
 def budget(entry: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmark.leaderboard.labels import settings_of
 from benchmark.protocol import Cell
 from benchmark.records import Result
 from benchmark.suites import FOLDER, SuiteResult, read_suite, suite_path, summarize_suite
@@ -99,18 +100,14 @@ def _row(suite: SuiteResult, results: Mapping[str, Result]) -> tuple[dict[str, A
         "is_baseline": first.checkpoint.hash is None,
         "train_level": first.train_level,
         "recipe": first.recipe or None,
-        "settings": "" if suite.named_protocol else _settings(first),  # a protocol's name says its own
+        # A protocol's name says its own.
+        "settings": "" if suite.named_protocol else ", ".join(sorted(settings_of(first.env))),
         "num_tasks": len(suite.tasks),
         "num_evaluated": len(results),
         "means": means,
         "tasks": [_task(task, suite, results) for task in suite.tasks],
     }
     return row, list(means)
-
-
-def _settings(result: Result) -> str:
-    settings = dict(result.env.task_kwargs) | ({"robot": result.env.robot} if result.env.robot else {})
-    return ", ".join(f"{name}={value}" for name, value in sorted(settings.items()))
 
 
 def _task(task: str, suite: SuiteResult, results: Mapping[str, Result]) -> dict[str, Any]:
