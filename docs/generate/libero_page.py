@@ -44,7 +44,7 @@ TurboSquid. Read them before you share images or models.
 | robot | Franka Panda at LIBERO's place and start posture; actions are joint targets at 20 Hz, as in all our tasks, or LIBERO's own with `task_kwargs.action_space=native` |
 | cameras | `agentview` and `robot0_eye_in_hand`, at LIBERO's poses; with `task_kwargs.observation_space=native`, `image` and `image2` |
 | success | LIBERO's predicates, to the letter: all atoms of the task file's goal hold at one step, held or not |
-| starts | `task_kwargs.starts=regions` (default): places drawn from the task file's regions, with our 90/10 split. `task_kwargs.starts=libero`: LIBERO's 50 start states in turn |
+| starts | `task_kwargs.starts=regions` (default): places drawn from the task file's regions, with our 90/10 split; larger by 5 mm, or 10 mm, where LIBERO's states leave them. `task_kwargs.starts=libero`: LIBERO's 50 start states in turn |
 | levels | 0 draws places; 2 the camera and 3 the lights too. Floor, walls and table keep LIBERO's images at every level |
 | horizon | 600 steps, or `task_kwargs.horizon=<steps>` |
 

@@ -30,6 +30,12 @@ ESCAPE_TOLERANCE_M = 0.004
 
 ESCAPE_MOST_M = 0.25
 
+PRESS_M = 0.016
+"""How far below the floor of what it drags a hand aims: fingers that press do not slip over its rim."""
+
+WALL_LEAST_M = 0.005
+"""Height over that floor from which the fingers lean against a rim."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hand:
@@ -143,7 +149,9 @@ def _middle(rays: np.ndarray) -> np.ndarray:
 
 
 def drag(hand: Hand, points: np.ndarray, way: np.ndarray, heights: Heights, over: Heights) -> list[Waypoint]:
-    """Returns the way that drags a flat, hollow thing, such as a plate, with closed fingers inside its rim.
+    """Returns the way that drags a flat, hollow thing, such as a plate.
+
+    Closed fingers press on its floor, go to its rim and take it along.
 
     Args:
         hand: The hand.
@@ -153,20 +161,20 @@ def drag(hand: Hand, points: np.ndarray, way: np.ndarray, heights: Heights, over
         over: The thing alone.
     """
     middle = (points[:, :2].min(0) + points[:, :2].max(0)) / 2
-    length = float(np.linalg.norm(way))
-    along = way / length
+    along = way / np.linalg.norm(way)
     yaw = float(np.arctan2(along[1], along[0]))
     yaw = (yaw + np.pi / 2) % np.pi - np.pi / 2
     fist = hand_underside(yaw, 0.0)
-    low = float(over.rest(middle[None], fist)[0]) + 0.003
+    rests = float(over.rest(middle[None], fist)[0])
     ahead = points[:, :2] - middle
     wall = (np.abs(ahead @ np.array([-along[1], along[0]])) < 0.02) & (
-        points[:, 2] > low - TIP_BELOW_M + 0.002
+        points[:, 2] > rests - TIP_BELOW_M + WALL_LEAST_M
     )
     reach = ahead[wall] @ along
     inner = float(reach[reach > 0.01].min()) if (reach > 0.01).any() else 0.0
+    inside, low = max(inner - FINGER_HALF_M[0], 0.0) * along, rests - PRESS_M
     start = np.array([*middle, low])
-    end = np.array([*(middle + (length + max(inner - FINGER_HALF_M[0], 0.0)) * along), low])
+    end = np.array([*(middle + way + inside), low])
     above = start + np.array([0.0, 0.0, OVER_M])
     lead = reach_over(hand, above, yaw, 0.0, heights)
     stops = ((start, yaw, 0.0, 0.1), (end, yaw, 0.0, 0.2), (end + np.array([0.0, 0.0, 0.1]), yaw, 0.0, 0.0))

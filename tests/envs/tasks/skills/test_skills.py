@@ -13,7 +13,7 @@ from envs.tasks.skills.hands import (
     TIP_BELOW_M,
     hand_underside,
 )
-from envs.tasks.skills.moves import Hand, drag, escape, pick, put
+from envs.tasks.skills.moves import PRESS_M, Hand, drag, escape, pick, put
 
 NOTHING = np.zeros((0, 3))
 
@@ -161,12 +161,12 @@ def test_what_is_under_a_shelf_first_comes_out_sideways():
     assert not escape(grasp, item, Heights([], 0.0)).any()
 
 
-def test_dragging_pushes_the_rim_from_inside():
+def test_dragging_presses_on_the_floor_and_pushes_the_rim_from_inside():
     plate = bowl(0.07, 0.02)
-    way = drag(
-        Hand(np.array([0, 0, 0.2])), plate, np.array([0.1, 0.0]), Heights([plate], 0.0), Heights([plate], 0.0)
-    )
+    alone = Heights([plate], 0.0)
+    way = drag(Hand(np.array([0, 0, 0.2])), plate, np.array([0.1, 0.0]), alone, alone)
     assert all(point.gripper == 0.0 for point in way)
     end = way[-2].pos
     assert end[1] == pytest.approx(0.0, abs=1e-6) and 0.14 < end[0] < 0.17
-    assert TIP_BELOW_M < end[2] < 0.02
+    touch = float(alone.rest(np.zeros((1, 2)), hand_underside(way[-2].yaw, 0.0))[0])
+    assert way[-3].pos[2] == end[2] == pytest.approx(touch - PRESS_M)
