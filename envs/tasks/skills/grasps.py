@@ -37,6 +37,10 @@ SIDE = np.array([1.0, 0.0])
 """Without chance: how much worse a grasp scores for each metre along x and y, so that of two sides of a bowl
 it is always the same one."""
 
+SKEW_COST = 35.0
+"""Without chance: how much worse a grasp scores for each metre by which what is held is wider than in the middle of
+the fingers. So is what lies askew, such as the rim of a bowl: it turns when they close."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasp:
@@ -116,6 +120,7 @@ def _at_yaw(
         some = under.any(held)
         low, high = (np.where(some, end, 0.0) for end in under.ends(under.y, held))
         shift, width = (low + high) / 2, high - low
+        skew = width - under.width(held & (under.x < PAD_HALF_M / 3), width)
         good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (abs(shift) < MOST_SHIFT_M)
         opening = _openings(under, abs(under.y - shift[under.centre]), z, width)
         least, most = under.ends(flat[under.point, 0], held)
@@ -127,7 +132,7 @@ def _at_yaw(
             score = min(float(most[row] - least[row]), 0.018) / 0.018 * 0.5
             total = score - away / 0.05 - abs(yaw) / np.pi * 0.5 + drawn
             if rng is None:
-                total -= float(SIDE @ (pos[:2] - middle[:2]))
+                total -= float(SIDE @ (pos[:2] - middle[:2])) + SKEW_COST * float(skew[row])
             found.append(Grasp(pos, yaw, float(opening[row]), total + 10.0 * depth))
     return found
 
@@ -175,6 +180,11 @@ class _Under:
         np.minimum.at(low, self.centre[chosen], values[chosen])
         np.maximum.at(high, self.centre[chosen], values[chosen])
         return low, high
+
+    def width(self, chosen: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+        """Returns how far the chosen points reach along the way of the fingers, (C,); without any, what is given."""
+        low, high = self.ends(self.y, chosen)
+        return np.where(np.isfinite(low), high - low, otherwise)
 
 
 def _openings(under: _Under, y: np.ndarray, z: np.ndarray, width: np.ndarray) -> np.ndarray:

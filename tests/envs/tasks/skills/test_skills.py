@@ -88,6 +88,14 @@ def in_hand(points, grasp):
     return (points - grasp.pos) @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
+def test_without_chance_fingers_close_across_the_rim():
+    for radius in (0.05, 0.055, 0.06, 0.065):
+        best = top_grasps(bowl(radius), NOTHING, 0.012, None)[0]
+        closing = np.array([-np.sin(best.yaw), np.cos(best.yaw)])
+        outwards = best.pos[:2] / np.linalg.norm(best.pos[:2])
+        assert abs(closing @ outwards) > np.cos(np.radians(15))
+
+
 def test_every_grasp_holds_something_and_has_room_for_fingers_and_palm():
     """A bowl beside a box and under a shelf: all grasps are looked at, one by one."""
     item = bowl() + np.array([0.2, 0.0, 0.0])
