@@ -38,8 +38,8 @@ SIDE = np.array([1.0, 0.0])
 it is always the same one."""
 
 SKEW_COST = 35.0
-"""Without chance: how much worse a grasp scores for each metre by which what is held is wider than in the middle of
-the fingers. So is what lies askew, such as the rim of a bowl: it turns when they close."""
+"""Without chance: how much worse a grasp scores for each metre by which what is held is wider than in the
+middle of the fingers. So is what lies askew, such as the rim of a bowl: it turns when they close."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +120,7 @@ def _at_yaw(
         some = under.any(held)
         low, high = (np.where(some, end, 0.0) for end in under.ends(under.y, held))
         shift, width = (low + high) / 2, high - low
-        skew = width - under.width(held & (under.x < PAD_HALF_M / 3), width)
+        skew = width - under.width(held & (under.x < PAD_HALF_M / 3))
         good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (abs(shift) < MOST_SHIFT_M)
         opening = _openings(under, abs(under.y - shift[under.centre]), z, width)
         least, most = under.ends(flat[under.point, 0], held)
@@ -181,10 +181,10 @@ class _Under:
         np.maximum.at(high, self.centre[chosen], values[chosen])
         return low, high
 
-    def width(self, chosen: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-        """Returns how far the chosen points reach along the way of the fingers, (C,); without any, what is given."""
+    def width(self, chosen: np.ndarray) -> np.ndarray:
+        """Returns how far the chosen points reach along the way of the fingers, m, (C,); 0 without any."""
         low, high = self.ends(self.y, chosen)
-        return np.where(np.isfinite(low), high - low, otherwise)
+        return np.maximum(high - low, 0.0)
 
 
 def _openings(under: _Under, y: np.ndarray, z: np.ndarray, width: np.ndarray) -> np.ndarray:
