@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmark.records import CellSummary
 from envs.core.atomic import atomic_path
 
 TILE_PX = 160
@@ -58,14 +59,20 @@ def write_gif(path: Path, videos: Sequence[Path]) -> Path | None:
     return path
 
 
-def one_per_level(videos: Sequence[Path]) -> list[Path]:
-    """Returns the first success of each cell, or its first failure where it has none; sorted by cell."""
-    chosen: dict[str, Path] = {}
-    for video in sorted(videos):
-        cell, _, outcome = video.stem.rsplit("-", 2)
-        if cell not in chosen or (outcome == "success" and not chosen[cell].stem.endswith("success")):
-            chosen[cell] = video
-    return [chosen[cell] for cell in sorted(chosen)]
+def usual_of_each_level(videos: Sequence[Path], cells: Sequence[CellSummary]) -> list[Path]:
+    """Returns one video of each cell, sorted by cell: of what happens more often there, success or failure.
+
+    Args:
+        videos: Videos of :func:`benchmark.videos.film_cell`. Those of other cells are left out.
+        cells: The cells of the evaluation.
+    """
+    chosen: list[Path] = []
+    for cell in sorted(cells, key=lambda cell: cell.cell.name):
+        own = sorted(video for video in videos if video.stem.rsplit("-", 2)[0] == cell.cell.name)
+        usual = "success" if cell.success_rate >= 0.5 else "failure"
+        own.sort(key=lambda video: not video.stem.endswith(usual))  # the sort is stable
+        chosen += own[:1]
+    return chosen
 
 
 def _tiles(video: Path) -> tuple[list[np.ndarray], float]:

@@ -224,13 +224,14 @@ def _evaluate(config: TrainRunConfig, run: "RunFolder", checkpoint: Path) -> lis
 
 def _show(config: TrainRunConfig, run: "RunFolder", evaluations: list[Evaluation]) -> dict[str, Any]:
     """Makes the GIF and the leaderboard; returns the fields of :class:`TrainedRun` that are of them."""
-    from benchmark.gifs import one_per_level, write_gif
+    from benchmark.gifs import usual_of_each_level, write_gif
     from roboverse_learn.leaderboard import write_leaderboard_of
 
     gif = None
     try:
         with run.stage("leaderboard"):
-            gif = write_gif(run.folder / "policy.gif", one_per_level(evaluations[0].videos))
+            shown = usual_of_each_level(evaluations[0].videos, evaluations[0].result.cells())
+            gif = write_gif(run.folder / "policy.gif", shown)
             return {"gif": gif, "board": write_leaderboard_of(Path(config.results_dir), evaluations)}
     except ResultError as error:  # the run is whole, whatever other files among the results hold
         return {"gif": gif, "board": {}, "board_failure": str(error)}

@@ -22,8 +22,9 @@ GAP_M = 0.005
 """Least gap between the circles round two objects, seen from above."""
 
 WIDENED_BY_M, WIDENED_MOST_M = 0.005, 0.01
-"""LIBERO's 50 states of its suites spatial, object and goal leave the regions of their task files by 5 mm, or
-10 mm (the cream cheese of goal); those of other suites do not. What lies further off was knocked there."""
+"""LIBERO's 50 states of spatial and goal, and object's of the basket, leave the regions of the task files by
+5 mm, or 10 mm (the cream cheese of goal); others do not, and the groceries of object keep within 10 mm of
+their middle, where the file says 25. What lies further off was knocked there."""
 
 _TRIES = 200
 
@@ -66,8 +67,8 @@ class Starts:
     def drawn(self, rngs: Sequence[np.random.Generator]) -> State:
         """Returns states whose objects are anywhere in their regions, one for each generator.
 
-        Regions are as large as the 50 states need them. Orientations, heights and what stands on what are
-        those of one of the 50 states.
+        Regions are at least as large as the 50 states need them. Orientations, heights and what stands on
+        what are those of one of the 50 states.
         """
         rows = [int(rng.integers(self.fixed.num_envs)) for rng in rngs]
         state = self.fixed.select(rows)

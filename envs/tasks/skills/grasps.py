@@ -120,7 +120,8 @@ def _at_yaw(
         some = under.any(held)
         low, high = (np.where(some, end, 0.0) for end in under.ends(under.y, held))
         shift, width = (low + high) / 2, high - low
-        skew = width - under.width(held & (under.x < PAD_HALF_M / 3))
+        # Where chance chooses, nobody asks for it.
+        skew = width - under.width(held & (under.x < PAD_HALF_M / 3)) if rng is None else None
         good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (abs(shift) < MOST_SHIFT_M)
         opening = _openings(under, abs(under.y - shift[under.centre]), z, width)
         least, most = under.ends(flat[under.point, 0], held)
@@ -131,7 +132,7 @@ def _at_yaw(
             away = float(np.linalg.norm(pos[:2] - middle[:2]))
             score = min(float(most[row] - least[row]), 0.018) / 0.018 * 0.5
             total = score - away / 0.05 - abs(yaw) / np.pi * 0.5 + drawn
-            if rng is None:
+            if skew is not None:
                 total -= float(SIDE @ (pos[:2] - middle[:2])) + SKEW_COST * float(skew[row])
             found.append(Grasp(pos, yaw, float(opening[row]), total + 10.0 * depth))
     return found
