@@ -209,7 +209,7 @@ def _place_for(
     spin = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     origin = spin @ (look.state.objects[thing].pos[0].numpy() - grasp.pos)
     own = Underside.of((look.clouds[thing] - grasp.pos) @ spin.T)
-    hand = hand_underside(yaw, grasp.opening_m)
+    hand = hand_underside(yaw, grasp.opening_m, opens_from_m=0.0)
     middle, places = candidates
     grips = places - origin[:2]
     rests = heights.rest(grips, own)

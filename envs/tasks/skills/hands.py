@@ -26,25 +26,29 @@ FINGER_MOST_M = 0.04
 """Largest way of each finger."""
 
 
-def hand_underside(yaw: float, opening_m: float = FINGER_MOST_M) -> Underside:
+def hand_underside(
+    yaw: float, opening_m: float = FINGER_MOST_M, opens_from_m: float | None = None
+) -> Underside:
     """Returns the underside of a hand that points down.
 
     Args:
         yaw: Turn of the hand about z, rad.
         opening_m: Distance of each finger from the middle.
+        opens_from_m: The same where they begin to open, so that they sweep what is between.
     """
-    points = _points(opening_m)
+    points = _points(opening_m, opening_m if opens_from_m is None else opens_from_m)
     cosine, sine = np.cos(yaw), np.sin(yaw)
     turned = points[:, :2] @ np.array([[cosine, sine], [-sine, cosine]])
     return Underside.of(np.column_stack([turned, points[:, 2]]))
 
 
 @lru_cache(maxsize=16)
-def _points(opening_m: float) -> np.ndarray:
+def _points(opening_m: float, opens_from_m: float) -> np.ndarray:
     """Returns the undersides of palm and fingers, (P, 3)."""
     palm = _slab(0.0, PALM_HALF_M, PALM_M)
-    middle = opening_m + FINGER_HALF_M[1]
-    fingers = [_slab(side * middle, FINGER_HALF_M, -TIP_BELOW_M) for side in (-1.0, 1.0)]
+    middle = (opens_from_m + opening_m) / 2 + FINGER_HALF_M[1]
+    half = (FINGER_HALF_M[0], (opening_m - opens_from_m) / 2 + FINGER_HALF_M[1])
+    fingers = [_slab(side * middle, half, -TIP_BELOW_M) for side in (-1.0, 1.0)]
     return np.concatenate([palm, *fingers])
 
 

@@ -142,6 +142,14 @@ def test_the_underside_of_a_hand_is_its_fingers_and_its_palm():
     assert np.abs(turned.cells[turned.z < 0][:, 1] * 0.005).max() < 0.02
 
 
+def test_fingers_that_open_rest_on_a_wall_on_their_way():
+    wall = Heights([box((0.1, 0.002, 0.04), (0.0, 0.03, 0.04))], ground=0.0)
+    here = np.zeros((1, 2))
+    (open_,) = wall.rest(here, hand_underside(0.0, 0.04))  # the wall is between the fingers
+    (opening,) = wall.rest(here, hand_underside(0.0, 0.04, opens_from_m=0.0))
+    assert open_ < 0.08 and opening == pytest.approx(0.08 + TIP_BELOW_M, abs=1e-5)
+
+
 def test_picking_opens_comes_down_and_closes():
     grasp = Grasp(np.array([0.2, 0.1, 0.02]), 0.3, 0.04, 0.0)
     way = pick(Hand(np.array([0.0, 0.0, 0.3])), grasp, Heights([], 0.0))
