@@ -212,8 +212,6 @@ NOT_YET = """Those below, and what is known of each:
 - the bottom drawer of kitchen scene 1: the handle is 4.6 cm over the table, and the hand, which lies on its side to
   grasp it, reaches 10.8 cm below its middle. In the one start that was traced it stayed 6 cm too high for all 600
   steps, and pushed the bowl away that stands there;
-- two bowls stacked in the tray, 35 and 40 %: at 6c72ad5e, where fingers still closed askew on a rim, it solved all of 20
-  starts. Not traced;
 - the bowl into the bottom drawer of LIBERO-10's kitchen scene 4, 60 % after 420 steps on average, and the frying pan on top of
   the cabinet of scene 9, 70 %. Not traced. Of 24 grasps beside the open top drawer of LIBERO-goal, a link behind the hand
   touched the drawer in seven, and none of these held the bowl."""  # noqa: E501
