@@ -47,7 +47,7 @@ class BoardEntry:
     Attributes:
         id: Identifies it, in names of HTML elements too.
         policy: Name of the policy.
-        label: Policy, backend, and how many tasks one network learned.
+        label: Policy, backend, and how many tasks one network learned, of which family.
         kind: ``"recipe"`` or ``"preset"``.
         name: Name of the recipe, version included, or of the preset.
         learned_from: ``"demonstrations"`` or ``"reward"``.
@@ -157,11 +157,10 @@ def _entry(key: str, result: Result) -> BoardEntry:
     length: Mapping[str, Any] = training_length(result)
     kind = "recipe" if result.recipe else "preset"
     name = result.recipe or trained_with(result)["preset"]
-    together = len(result.train_tasks)
     return BoardEntry(
         id=re.sub(r"[^a-z0-9]+", "-", f"{result.policy}-{name}".lower()).strip("-") + f"-{digest(key)[:6]}",
         policy=result.policy,
-        label=policy_and_backend(result) + (f", {together} tasks in one" if together else ""),
+        label=policy_and_backend(result) + _learned_together(result.train_tasks),
         kind=kind,
         name=name,
         learned_from="reward" if result.demonstrations is None else "demonstrations",
@@ -170,6 +169,13 @@ def _entry(key: str, result: Result) -> BoardEntry:
         time_s=length["training_time_s"],
         image_size=result.env.image_size if result.sees_images else None,
     )
+
+
+def _learned_together(tasks: Sequence[str]) -> str:
+    """Returns how many tasks one network learned, and of which family if all are of one."""
+    families = {task.rpartition("/")[0] for task in tasks}
+    of_one = f" of {families.pop()}" if len(families) == 1 and families != {""} else ""
+    return f", {len(tasks)} tasks{of_one} in one" if tasks else ""
 
 
 def shown_entries(entries: Iterable[BoardEntry]) -> dict[str, dict[str, Any]]:

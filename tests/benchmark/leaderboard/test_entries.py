@@ -39,6 +39,20 @@ def test_a_recipe_is_an_entry_and_its_seeds_are_one_row(publish, tmp_path):
     assert (row["kind"], row["entry"], row["seeds"]) == ("entry", entry["id"], [0, 1])
 
 
+def test_networks_of_several_tasks_name_their_family_rather_than_a_number(publish, tmp_path):
+    for family in ("libero/goal", "libero/object"):
+        publish(run=family[7:], task=f"{family}/a", train_tasks=(f"{family}/a", f"{family}/b"))
+    publish(run="mixed", task="PickCube", train_tasks=("PickCube", "libero/goal/a"))
+    publish(run="own", task="PickCube", train_tasks=("PickCube", "StackCube"))
+    entries = leaderboard.build(tmp_path)["entries"].values()
+    assert sorted((each["label"], each["variant"]) for each in entries) == [
+        ("act, 2 tasks in one", 1),
+        ("act, 2 tasks in one", 2),
+        ("act, 2 tasks of libero/goal in one", 0),
+        ("act, 2 tasks of libero/object in one", 0),
+    ]
+
+
 def test_an_entry_keeps_its_id_when_training_gets_a_further_setting(publish, tmp_path):
     for task in ("PickCube", "StackCube"):
         publish(run=task, task=task, **changed())
