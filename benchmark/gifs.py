@@ -60,7 +60,7 @@ def write_gif(path: Path, videos: Sequence[Path]) -> Path | None:
 
 
 def usual_of_each_level(videos: Sequence[Path], cells: Sequence[CellSummary]) -> list[Path]:
-    """Returns one video of each cell, sorted by cell: of what happens more often there, success or failure.
+    """Returns one video of each cell, sorted by cell: of what happens more often there; success where equal.
 
     Args:
         videos: Videos of :func:`benchmark.videos.film_cell`. Those of other cells are left out.

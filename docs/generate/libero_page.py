@@ -257,9 +257,10 @@ def _pro(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
         starts = sorted({row["episodes"] for row in own})
         least = f"{starts[0]} to {starts[-1]}" if len(starts) > 1 else "".join(map(str, starts))
         lines.append(f"| libero_pro/{suite} | {len(own)} of 10 | {good} | {mean} | {least} |")
+    commits = " and ".join(sorted({row["git_sha"][:8] for row in counted.values()}))
     return [
         "### LIBERO-PRO",
-        "The same expert, `python -m envs.experts.survey words=[libero_pro/]`:",
+        f"The expert at {commits}, `python -m envs.experts.survey words=[libero_pro/]`:",
         "\n".join(lines),
     ]
 

@@ -22,10 +22,11 @@ def test_each_task_is_named_with_its_rate():
 
 def test_libero_pro_is_summed_up_by_suite():
     rows = {
-        "libero_pro/goal_swap/turn_on_the_stove": {"expert": 1.0, "episodes": 20},
-        "libero_pro/goal_swap/put_the_bowl_on_the_plate": {"expert": 0.6, "episodes": 5},
+        "libero_pro/goal_swap/turn_on_the_stove": {"expert": 1.0, "episodes": 20, "git_sha": "a" * 40},
+        "libero_pro/goal_swap/put_the_bowl_on_the_plate": {"expert": 0.6, "episodes": 5, "git_sha": "b" * 40},
     }
     text = libero_page.page(rows)
     assert "| libero_pro/goal_swap | 2 of 10 | 1 | 80 % | 5 to 20 |" in text
+    assert "The expert at aaaaaaaa and bbbbbbbb, " in text
     assert "| libero_pro/10_task | 0 of 10 | 0 |  |  |" in text
     assert "### LIBERO-PRO" not in libero_page.page({}), "nothing is counted"

@@ -120,7 +120,7 @@ def _at_yaw(
         some = under.any(held)
         low, high = (np.where(some, end, 0.0) for end in under.ends(under.y, held))
         shift, width = (low + high) / 2, high - low
-        # Where chance chooses, nobody asks for it.
+        # Only grasps without chance use it.
         skew = width - under.width(held & (under.x < PAD_HALF_M / 3)) if rng is None else None
         good = some & (width < 2 * FINGER_MOST_M - 2 * MARGIN_M) & (abs(shift) < MOST_SHIFT_M)
         opening = _openings(under, abs(under.y - shift[under.centre]), z, width)

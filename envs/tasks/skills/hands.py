@@ -34,7 +34,8 @@ def hand_underside(
     Args:
         yaw: Turn of the hand about z, rad.
         opening_m: Distance of each finger from the middle.
-        opens_from_m: The same where they begin to open, so that they sweep what is between.
+        opens_from_m: Distance from which the fingers open; the underside then covers their way, too. Without
+            it they stay.
     """
     points = _points(opening_m, opening_m if opens_from_m is None else opens_from_m)
     cosine, sine = np.cos(yaw), np.sin(yaw)

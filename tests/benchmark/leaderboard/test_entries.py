@@ -39,7 +39,7 @@ def test_a_recipe_is_an_entry_and_its_seeds_are_one_row(publish, tmp_path):
     assert (row["kind"], row["entry"], row["seeds"]) == ("entry", entry["id"], [0, 1])
 
 
-def test_networks_of_several_tasks_name_their_family_rather_than_a_number(publish, tmp_path):
+def test_networks_of_several_tasks_name_their_family_in_place_of_a_variant(publish, tmp_path):
     for family in ("libero/goal", "libero/object"):
         publish(run=family[7:], task=f"{family}/a", train_tasks=(f"{family}/a", f"{family}/b"))
     publish(run="mixed", task="PickCube", train_tasks=("PickCube", "libero/goal/a"))

@@ -209,4 +209,4 @@ def test_a_rate_of_too_few_episodes_is_not_bold_and_has_their_number(publish, tm
     said = f"{episodes} episode{'s' if episodes > 1 else ''})"
     assert rows and all(("**100** (" in row, said in row) == (not few, few) for row in rows)
     assert ('<td class="number few"' in found[f"{page}html"]) == few
-    assert (f"<small>{episodes} ep.</small>" in found[f"{page}html"]) == few
+    assert (f'episodes">{episodes} ep.</small>' in found[f"{page}html"]) == few
