@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from typing import Any, override
 
 import numpy as np
+import torch
 
 from benchmark.chain_results import ChainResults
 from benchmark.runner import EXPERT, Baseline, actor_of
@@ -22,6 +23,7 @@ from envs.tasks import TASKS
 from envs.tasks.calvin import memory
 from envs.tasks.calvin.catalogue import Entry, task_facts
 from envs.tasks.calvin.rules import met
+from envs.tasks.calvin.scene import TABLE
 from envs.tasks.calvin.sequences import CHAIN_LENGTH, STEPS_PER_TASK, Chain, all_chains
 from envs.tasks.calvin.starts import protocol_state
 from envs.tasks.planner import Planner
@@ -74,23 +76,23 @@ class ChainEnv:
     def reset_envs(self, env_ids: np.ndarray, episodes: np.ndarray) -> None:
         """Starts the chains of these indices in these environments."""
         chains = [self._chains[index] for index in episodes.tolist()]
-        states = protocol_state(self._env.scenario, [symbols for symbols, _ in chains])
+        states = self.initial_states(episodes.tolist())
         self._env.reset_envs(env_ids, np.repeat(self._env.split_indices[:1], len(env_ids)), states)
         for env_id, (_, tasks) in zip(env_ids.tolist(), chains, strict=True):
             self._running[env_id] = _Running(tasks)
             self._instruct(env_id)
 
+    def initial_states(self, indices: Sequence[int]) -> State:
+        """Returns the states in which chains begin, one row each."""
+        return protocol_state(self._env.scenario, [self._chains[index][0] for index in indices])
+
     def step_envs(self, env_ids: np.ndarray, actions: np.ndarray) -> StepResult:
         """Steps these environments; ``success`` says where the step solved a task of the chain."""
         self._env.step_envs(env_ids, actions)
-        states = self._env.get_states(env_ids)
+        present = self._env.get_states(env_ids)
+        states = present.to("cpu", present.objects[TABLE].pos.dtype)  # as it is: markers are compared exactly
         chains = [self._running[env_id] for env_id in env_ids.tolist()]
-        success = np.array(
-            [
-                bool(met(task_facts()[self.task_of(env_id)].rule, states.select([row]))[0])
-                for row, env_id in enumerate(env_ids.tolist())
-            ]
-        )
+        success = self._solved(env_ids, states)
         self._remember(env_ids, states, np.flatnonzero(success).tolist())
         for chain, env_id, solved in zip(chains, env_ids.tolist(), success, strict=True):
             chain.steps += 1
@@ -102,20 +104,27 @@ class ChainEnv:
         late = np.array([chain.steps >= STEPS_PER_TASK for chain in chains])
         return StepResult(success.astype(np.float32), complete, late, success)
 
+    def _solved(self, env_ids: np.ndarray, states: State) -> np.ndarray:
+        """Returns where the present task of a chain is solved, (n,) bool; each rule is asked once."""
+        rows: dict[str, list[int]] = {}
+        for row, env_id in enumerate(env_ids.tolist()):
+            rows.setdefault(self.task_of(env_id), []).append(row)
+        solved = np.zeros(len(env_ids), bool)
+        for task, at_it in rows.items():
+            solved[at_it] = met(task_facts()[task].rule, states.select(at_it)).numpy()
+        return solved
+
     def _instruct(self, env_id: int) -> None:
         self._env.set_instruction(env_id, task_facts()[self.task_of(env_id)].instruction)
 
     def _remember(self, ids: np.ndarray, states: State, solved: list[int]) -> None:
         """Makes present states starts where a task was solved, and notes lights where they changed."""
         poses = memory.begun_here(states, solved)
-        changed = [
-            row
-            for row in range(len(ids))
-            if row in solved
-            or any(
-                bool((pos[row] != states.objects[name].pos[row]).any()) for name, (pos, _) in poses.items()
-            )
-        ]
+        differs = torch.zeros(len(ids), dtype=torch.bool)
+        differs[solved] = True
+        for name, (pos, _) in poses.items():
+            differs |= (pos != states.objects[name].pos).any(-1)
+        changed = differs.nonzero().flatten().tolist()
         if changed:
             moved = {name: (pos[changed], rot[changed]) for name, (pos, rot) in poses.items()}
             self._env.handler.set_poses(moved, ids[changed])

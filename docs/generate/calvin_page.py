@@ -49,7 +49,7 @@ Tasks are called `calvin/<scene>/<task>`. `suite=calvin` has the 34 of scene D, 
 | robot | Franka Panda at CALVIN's place and posture, with the Franka hand. CALVIN's fingers are 4.5 cm longer |
 | cameras | `static`, 200 pixels, at CALVIN's pose, and `gripper`, 84 pixels and 75 degrees, at our wrist camera's pose |
 | success | CALVIN's rules, to the letter: what has changed since the episode began. Contacts are those of bodies; what the robot touches beside blocks does not count |
-| starts | symbolic states of CALVIN's evaluation in which the task can be done. In scene D places are those of the evaluation; in the others they are drawn from the scene's surfaces. A block may start in the hand, in the drawer or on another one |
+| starts | symbolic states of CALVIN's evaluation in which the task can be done. In scene D places are those of the evaluation; in the others they are drawn from the scene's surfaces. A block may start in the hand, in the drawer or on another one. `task_kwargs.starts=chain` begins four of five episodes in scene D where another task of a chain has just ended ([below](#demonstrations-for-chains)) |
 | instruction | the sentence of CALVIN's evaluation |
 | horizon | 360 steps at 30 Hz |
 | masses and friction | those of CALVIN's blocks. Friction of door, drawer, switch and button is chosen so that they stay where they are left |
@@ -83,6 +83,22 @@ A policy sees the cameras and the image size that it learned from. One that lear
 expert's demonstrations acts in joints: [train it](multi_task.md#libero-and-calvin-on-one-gpu), and leave out `protocol=calvin`.
 """  # noqa: E501
 
+FOR_CHAINS = """## Demonstrations for chains
+
+In a chain an instruction begins where the last one ended: at a handle, above a block, with a block in the hand. A policy
+whose demonstrations all begin in the arm's own posture has never seen that. With `task_kwargs.starts=chain` a fifth of
+the episodes of a task begin as a chain does, and the others where another task of a chain has just ended, in a state in
+which this one can be done:
+
+```bash
+roboverse collect suite=calvin task_kwargs.starts=chain num_demos=100
+python -m benchmark.calvin_states     # how the recorded states were made, in ten minutes of one CPU core
+```
+
+The recorded states are those in which the expert ended the tasks of 600 other chains, drawn by the authors' rule in scene
+D with CALVIN's own robot. Train and test episodes of `starts=chain` draw from the same ones: what is new to a policy is in
+the chains of the evaluation."""  # noqa: E501
+
 EXPERT = """One expert solves all tasks: it makes a plan of skills from the task's rule, and from whatever state it is
 asked in, and plans again after a miss. It pushes as CALVIN's rule allows: it carries a block along, just above the
 desk."""  # noqa: E501
@@ -106,6 +122,7 @@ def page(rows: Mapping[str, Mapping[str, Any]], chains: Mapping[int, int]) -> st
             f"**{scores.average_length:.2f}** of 5.\n\n"
             f"| in a row | 1 | 2 | 3 | 4 | 5 |\n|---|---|---|---|---|---|\n| chains | {rates} |"
         )
+    parts.append(FOR_CHAINS)
     counts = {scene: _counted(rows, scene) for scene in SCENES}
     good = {scene: sum(row["expert"] >= BAR for row in own.values()) for scene, own in counts.items()}
     lines = ["| task | instruction | expert | starts |", "|---|---|---|---|"]

@@ -220,11 +220,10 @@ class TrainRunConfig(CollectConfig):
                 f"'{twice}' is learned twice: task={self.env.task}, and policy.tasks="
                 f"{listed(self.tasks[1:])}. Name every task once."
             )
-        changed = [key for key in ("task_kwargs", "scenario") if getattr(self.env, key)]
-        if len(self.tasks) > 1 and changed:
+        if len(self.tasks) > 1 and self.env.scenario:
             raise ConfigError(
-                f"{' and '.join(f'{key}.*' for key in changed)} change one task, and {len(self.tasks)} are "
-                "learned together, each as it is. Leave them out, or leave out policy.tasks."
+                f"scenario.* change one task, and {len(self.tasks)} are learned together, each in its own "
+                "scene. Leave them out, or leave out policy.tasks."
             )
         check_validation(self.evaluate.splits, self.policy_name, self.collect.num_demos)
 

@@ -53,6 +53,8 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
         of_policy = "policy" in own and error.title == policies.config_class(policy).__name__
         raise _readable(error, "policy." if of_policy else "") from error
     _check_names("task", getattr(config, "tasks", ()))
+    for task in getattr(config, "tasks", ())[1:]:
+        _check_same_options(config.env, task, env.get("task_kwargs", {}))
     _check_names("simulator", getattr(config, "simulators", ()))
     if hasattr(config, "simulator"):
         _check_names("simulator", [config.simulator])
@@ -162,6 +164,22 @@ def _checked_options(spec: EnvSpec) -> dict[str, Any]:
     defaults.setdefault("action_space", "joints")  # of every task that has none of its own
     values = {key: getattr(task, key, defaults[key]) for key in spec.task_kwargs}
     return {key: to_json_values(value) for key, value in values.items() if value != defaults[key]}
+
+
+def _check_same_options(spec: EnvSpec, other: str, given: Mapping[str, Any]) -> None:
+    """Checks that options mean the same to a task that is learned together with another one.
+
+    Raises:
+        UnknownNameError: It has no such option.
+        ConfigError: A value is out of its range, or is the default of one of the two alone.
+    """
+    options = _checked_options(spec.replace(task=other, task_kwargs=given))
+    if options != spec.task_kwargs:
+        key = next(k for k in given if options.get(k) != spec.task_kwargs.get(k))
+        raise ConfigError(
+            f"task_kwargs.{key}={given[key]} is the default of one of {spec.task} and {other}, which are "
+            "learned together, and not of the other. Leave it out, or train each by itself."
+        )
 
 
 def _checked_robot(spec: EnvSpec) -> str:

@@ -9,18 +9,24 @@ import torch
 from torch import Tensor
 
 from envs.controllers import Controller
+from envs.core.errors import ConfigError
 from envs.kinematics.waypoints import Waypoint
 from envs.scenario import RobotCfg, ScenarioCfg
-from envs.state import EntityState, State
+from envs.state import EntityState, State, concatenated
 from envs.tasks.calvin import memory, native
 from envs.tasks.calvin.catalogue import BLOCKS, HORIZON, Entry, entries
+from envs.tasks.calvin.chain_states import states_before
 from envs.tasks.calvin.rules import met
 from envs.tasks.calvin.scene import ROBOT, TABLE, scenario_of
+from envs.tasks.calvin.sequences import CHAIN_LENGTH
 from envs.tasks.calvin.starts import drawn_symbols, initial_state
 from envs.tasks.native_spaces import NativeSpaces
 from envs.tasks.parameters import parameter
 from envs.tasks.planner import Planner
 from envs.tasks.tabletop import ee_pos
+
+FIRST_OF_CHAIN = 1 / CHAIN_LENGTH
+"""Share of a chain's tasks that begin where the chain does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +37,9 @@ class CalvinTask(NativeSpaces):
 
     Attributes:
         looks: ``boxes`` renders the table's boxes, ``meshes`` CALVIN's meshes and textures; both touch alike.
+        starts: ``reset`` begins with the arm at its own posture, as a chain of instructions does; ``chain``
+            does so in a fifth of the episodes, and begins the others where another task of a chain has just
+            ended, of which scene D has recorded states (:mod:`envs.tasks.calvin.chain_states`).
         assets_dir: Where CALVIN's files are; None is where ``roboverse assets get calvin`` puts them.
         qpos_noise_rad: Standard deviation of each arm joint's start.
         action_space: ``joints`` for targets of all joints; ``native`` for CALVIN's relative poses.
@@ -46,6 +55,7 @@ class CalvinTask(NativeSpaces):
     native_limits: ClassVar[tuple[tuple[float, ...], tuple[float, ...]]] = native.STATE_LIMITS
 
     looks: Literal["boxes", "meshes"] = "boxes"
+    starts: Literal["reset", "chain"] = "reset"
     assets_dir: str | None = None
     qpos_noise_rad: float = parameter(0.01, at_least=0.0, at_most=0.05)
 
@@ -59,14 +69,38 @@ class CalvinTask(NativeSpaces):
     def scenario(self) -> ScenarioCfg:
         return scenario_of(self.entry.scene, self.robot, self.looks, self.assets_dir)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.starts == "chain" and (self.entry.scene != "D" or self.robot != ROBOT):
+            raise ConfigError(
+                f"{self.name} has no starts in the middle of a chain: they were recorded in scene D with "
+                "CALVIN's own robot. Leave out task_kwargs.starts, or take a task of calvin/D without robot=."
+            )
+
     @override
     def initial_state(self, rngs: Sequence[np.random.Generator]) -> State:
+        if self.starts == "chain":
+            return concatenated([self._chain_start(rng) for rng in rngs])
+        return self._reset_state(rngs)
+
+    def _chain_start(self, rng: np.random.Generator) -> State:
+        """Returns the start of one episode as in a chain."""
+        if rng.random() < FIRST_OF_CHAIN:
+            return self._reset_state([rng])
+        states, rows = states_before(self.entry.task)
+        return states.state(rows[[rng.integers(len(rows))]], self.robot)
+
+    def _reset_state(self, rngs: Sequence[np.random.Generator]) -> State:
         symbols = [drawn_symbols(self.entry.task, rng) for rng in rngs]
+        return initial_state(self.entry.scene, self.scenario, symbols, rngs, self.drawn_qpos(rngs))
+
+    def drawn_qpos(self, rngs: Sequence[np.random.Generator]) -> np.ndarray:
+        """Returns joints of the robot near its own posture, (N, J)."""
         arm = list(self.robot.arm)
         qpos = np.tile(np.array(self.robot.default_qpos), (len(rngs), 1))
         for row, rng in enumerate(rngs):
             qpos[row, arm] += rng.normal(0.0, self.qpos_noise_rad, len(arm))
-        return initial_state(self.entry.scene, self.scenario, symbols, rngs, qpos)
+        return qpos
 
     @override
     def success(self, state: State) -> Tensor:

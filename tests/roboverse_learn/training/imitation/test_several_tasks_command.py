@@ -68,6 +68,16 @@ def test_each_task_is_collected_alone_into_the_dataset_that_it_has_without_the_o
         assert dataset_folder(own) == dataset_folder(compose("train", ["policy=mtact", f"task={task}"]))
 
 
+def test_options_that_every_task_has_are_those_of_each():
+    config = compose("train", ["policy=mtact", LIST, "task_kwargs.qpos_noise_rad=0.05"])
+    for task in config.tasks:
+        own = of_task(config, task)
+        assert own.env.make_task().qpos_noise_rad == 0.05
+        alone = compose("train", ["policy=mtact", f"task={task}", "task_kwargs.qpos_noise_rad=0.05"])
+        assert dataset_folder(own) == dataset_folder(alone)
+    assert not compose("train", ["policy=mtact", LIST, "task_kwargs.qpos_noise_rad=0.02"]).env.task_kwargs
+
+
 def test_the_hash_of_several_datasets_depends_on_each_and_on_their_order():
     assert joined_hash(["a"]) == "a"
     assert len({joined_hash(["a", "b"]), joined_hash(["b", "a"]), joined_hash(["a", "c"])}) == 3
@@ -89,6 +99,21 @@ def test_the_hash_of_several_datasets_depends_on_each_and_on_their_order():
             ["policy=mtact", LIST, "scenario.physics.decimation=5"],
             ConfigError,
             r"scenario.\* change one task, and 2 are",
+        ),
+        (
+            ["policy=mtact", LIST, "task_kwargs.detour_m=0.02"],
+            UnknownNameError,
+            "Unknown option of PickCube 'detour_m'",
+        ),
+        (
+            ["policy=mtact", "task=[StackCube,PickCube]", "task_kwargs.detour_m=0.02"],
+            UnknownNameError,
+            "Unknown option of PickCube 'detour_m'",
+        ),
+        (
+            ["policy=mtact", LIST, "task_kwargs.approach_noise_m=0.01"],
+            ConfigError,
+            r"task_kwargs.approach_noise_m=0.01 is the default of one of PickCube and StackCube",
         ),
     ],
 )
@@ -224,6 +249,7 @@ def test_the_recipes_of_suites_see_all_cameras_and_every_task_in_each_batch(reci
     config = compose("train", [f"recipe={recipe}", f"suite={suite}"])
     assert config.tasks == suite_tasks(suite) and config.env.cameras == cameras
     assert config.train.batch_size % len(config.tasks) == 0
+    assert config.env.task_kwargs == ({"starts": "chain"} if suite == "calvin" else {})
     learner_of(config, "cpu").check()
 
 
