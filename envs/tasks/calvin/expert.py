@@ -25,6 +25,7 @@ from envs.tasks.calvin.handling import (
 from envs.tasks.calvin.look import Look, look_at
 from envs.tasks.calvin.memory import ANY_BLOCK, PART_BITS, ROBOT_BIT, SWITCH_ON_M
 from envs.tasks.calvin.parts import move_door, move_drawer, press_button, push_switch
+from envs.tasks.calvin.starts import LYING_Z_M
 from envs.tasks.calvin_table import DRAWER_TRAVEL_M, SCALE
 
 IN_CABINET_Y_M = 0.03
@@ -106,7 +107,12 @@ def _lift_lost(look: Look) -> list[Waypoint]:
 
 def _push_into(look: Look, rng: np.random.Generator, source: str, target: str) -> list[Waypoint]:
     del source, target
-    able = [b for b in look.blocks.values() if b.began == PART_BITS["base"] and b.touches & PART_BITS["base"]]
+    # By where they lie: a simulator may not report contacts before the first step.
+    able = [
+        b
+        for b in look.blocks.values()
+        if b.began == PART_BITS["base"] and abs(b.pos[2] - LYING_Z_M) < 0.01 and b.pos[1] < IN_CABINET_Y_M
+    ]
     if not able:
         return []
     if not drawer_is_reachable(look):
