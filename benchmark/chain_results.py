@@ -13,6 +13,9 @@ from filelock import FileLock
 from envs.core.atomic import write_errors, write_file
 from envs.core.json_file import read_kept
 
+FILE = "calvin_chains.json"
+"""The file, in a folder of results."""
+
 
 class ChainResults:
     """The results of one policy, kept chain by chain beside those of others.
@@ -79,14 +82,20 @@ def read_results(path: Path) -> dict[str, dict[int, int]]:
     Raises:
         ConfigError: The file is damaged.
     """
-    return {label: _fullest(runs) for label, runs in read_runs(path).items()}
+    return {label: _solved(runs) for label, runs in fullest_runs(path).items()}
 
 
-def _fullest(runs: list[dict[str, Any]]) -> dict[int, int]:
+def fullest_runs(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """Returns the runs of :func:`read_results` by policy, each with its command, commit and seed."""
+    found = {label: _fullest(runs) for label, runs in read_runs(path).items()}
+    return {label: runs for label, runs in found.items() if runs}
+
+
+def _fullest(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     of_code: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for run in runs:
         of_code.setdefault(_identity(run), []).append(run)
-    return max(map(_solved, reversed(of_code.values())), key=len, default={})
+    return max(reversed(of_code.values()), key=lambda own: len(_solved(own)), default=[])
 
 
 def _identity(run: dict[str, Any]) -> tuple[Any, ...]:

@@ -17,6 +17,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from benchmark.leaderboard.chains_section import chain_rows
 from benchmark.leaderboard.curves_section import learning_curves
 from benchmark.leaderboard.demonstrations_chart import demonstration_lines
 from benchmark.leaderboard.entries import STUDY, BoardEntry, classify, is_foreign, one_row_each, shown_entries
@@ -68,7 +69,8 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         ``by_demonstrations`` (see :mod:`benchmark.leaderboard.demonstrations_chart`), learning ``curves``,
         ``comparisons`` and ``notes``. A row's ``kind`` is ``entry``, ``baseline`` or ``study``.
         Where there are instruction tests, ``instructions`` has a row for each run that did some (see
-        :mod:`benchmark.leaderboard.instructions_table`).
+        :mod:`benchmark.leaderboard.instructions_table`); where CALVIN's chains were run, ``chains`` has one
+        for each policy (see :mod:`benchmark.leaderboard.chains_section`).
 
     Raises:
         ResultError: The folder is absent, or a file in it is not a valid result in its place; every
@@ -95,7 +97,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
     reference = json.loads(files("benchmark").joinpath("reference/paper.json").read_text())
     shown = {row["entry"] for section in sections for row in section["rows"]}
     entries = shown_entries(entry for _, entry in kinds if entry and entry.id in shown)
-    instructed = instructions_table(whole)
+    instructed, chains = instructions_table(whole), chain_rows(results_dir)
     return {
         "schema_version": SCHEMA_VERSION,
         "latest": max((result.created for result in results), default=None),
@@ -106,6 +108,7 @@ def build(results_dir: Path, train: Mapping[str, Any] | None = None) -> dict[str
         "suites": _rounded(suite_sections(suites, dict(loaded))),
         "sections": sections,
         **({"instructions": _rounded(instructed)} if instructed else {}),
+        **({"chains": _rounded(chains)} if chains else {}),
     }
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmark.chain_results import FILE as CHAINS_NAME
 from benchmark.leaderboard.rows import Entry
 from benchmark.leaderboard.video_rule import KEEP_FILE
 from benchmark.records import Result
@@ -18,7 +19,7 @@ STUDIES_MARKDOWN_NAME, STUDIES_HTML_NAME = "studies.md", "studies.html"
 INSTRUCTIONS_MARKDOWN_NAME, INSTRUCTIONS_HTML_NAME = "instructions.md", "instructions.html"
 PLOTS = "plots"
 
-TABLES = (JSON_NAME, "calvin_chains.json", "robots.json", "tasks.json")
+TABLES = (JSON_NAME, CHAINS_NAME, "robots.json", "tasks.json")
 """Files of the folder that are no results: our own, and the tables of experts by robot and by task."""
 
 _OWN = {

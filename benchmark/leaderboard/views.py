@@ -34,6 +34,7 @@ def board_view(board: Mapping[str, Any]) -> View:
     return {
         "boards": boards,
         "suites": board["suites"],
+        "chains": board.get("chains", []),
         "tasks": tasks,
         "task_names": names,
         "policy_names": sorted(policies),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.text import Text
 
+from benchmark.chain_results import FILE
 from roboverse_learn.commands.checkpoint_names import checkpoint_name
 from roboverse_learn.commands.report import board_paths, listed_paths
 from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoints_to_test
@@ -17,9 +18,6 @@ from roboverse_learn.config.serialize import from_values, to_values
 if TYPE_CHECKING:
     from benchmark.calvin_chains import ChainScores
     from envs.vector_env import RoboVerseVectorEnv
-
-FILE = "calvin_chains.json"
-"""File of results, in the folder of results."""
 
 
 def evaluate_chains(config: EvaluateConfig) -> "tuple[ChainScores, Path]":
