@@ -17,7 +17,7 @@ from benchmark.chain_results import ChainResults
 from benchmark.runner import EXPERT, Baseline, actor_of
 from envs.batched_env import StepResult
 from envs.randomization import channel_rng
-from envs.rollout import Actor, Episode, rollout
+from envs.rollout import Actor, Episode, OnStep, rollout
 from envs.state import State
 from envs.tasks import TASKS
 from envs.tasks.calvin import memory
@@ -163,13 +163,16 @@ class ChainExpert(Actor):
         return self._planners[task]
 
 
-def run_chains(env: ChainEnv, actor: Actor, indices: Iterable[int]) -> Iterator[tuple[int, int]]:
+def run_chains(
+    env: ChainEnv, actor: Actor, indices: Iterable[int], on_step: OnStep = lambda episode: None
+) -> Iterator[tuple[int, int]]:
     """Yields the index of each chain as it ends, and how many of its tasks were solved in a row.
 
     Args:
         env: The environments.
         actor: Chooses actions; see :func:`chain_actor`.
         indices: Which chains.
+        on_step: As that of :func:`~envs.rollout.rollout`; the instruction is then already the next one.
     """
 
     def start_afresh(episode: Episode) -> None:
@@ -177,6 +180,7 @@ def run_chains(env: ChainEnv, actor: Actor, indices: Iterable[int]) -> Iterator[
         if episode.success:
             episode.plan.clear()
             episode.observations.clear()
+        on_step(episode)
 
     for episode in rollout(env, actor, indices, on_step=start_afresh):
         yield episode.episode, int(episode.successes.sum())

@@ -81,7 +81,10 @@ one. Each instruction has 360 steps and begins where the last one ended. Results
 `results/calvin_chains.json`; the same command resumes after an interruption, and `first_chain=200 chains=100` runs a part.
 A policy sees the cameras and the image size that it learned from. One that learned the scene's tasks from the
 expert's demonstrations acts in joints: [train it](multi_task.md#libero-and-calvin-on-one-gpu), and leave out `protocol=calvin`.
-The board has all policies that ran chains, ours with [an average length of 4.24](../results.md#calvins-chains).
+The board has all policies that ran chains, ours with [an average length of 4.24](../results.md#calvins-chains). Its first
+chain, in `mujoco` (`python -m docs.generate.calvin_gif checkpoint=runs/mtact_calvin`):
+
+![A network follows five instructions](calvin_chain.gif)
 """  # noqa: E501
 
 FOR_CHAINS = """## Demonstrations for chains

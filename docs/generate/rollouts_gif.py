@@ -64,6 +64,17 @@ def reduce(path: Path) -> None:
     with Image.open(path) as gif:
         frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(gif)][::2]
         duration_ms = 2 * gif.info["duration"]
+    save_gif(path, frames, duration_ms)
+
+
+def save_gif(path: Path, frames: Sequence[Image.Image], duration_ms: float) -> None:
+    """Writes images of one size as a GIF of few colours, with one palette for all.
+
+    Args:
+        path: The GIF.
+        frames: The images.
+        duration_ms: How long each is shown.
+    """
     width, height = frames[0].size
     shown = Image.new("RGB", (width, 4 * height))
     for row in range(4):
