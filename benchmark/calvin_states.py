@@ -13,11 +13,12 @@ from typing import override
 
 from benchmark.calvin_chains import ENV_TASK, ChainEnv, ChainExpert
 from envs.core.arguments import run_program
+from envs.core.ranges import check_ranges
 from envs.randomization import channel_rng
 from envs.rollout import Episode, rollout
 from envs.spec import EnvSpec
 from envs.state import State
-from envs.tasks.calvin.chain_states import FILE, ChainStates
+from envs.tasks.calvin.chain_states import ChainStates
 from envs.tasks.calvin.sequences import Chain, after, chains_from, start_symbols
 from envs.tasks.calvin.starts import initial_state
 from envs.tasks.calvin.task import CalvinTask
@@ -36,13 +37,16 @@ class StatesSettings:
         chains: Chains that the expert does; each gives up to as many states as it has tasks.
         num_envs: Environments stepped at once.
         seed: Seed of the chains and of their starts.
-        out: File of the states.
+        out: File of the states; the package's own is ``envs/tasks/calvin/chain_states.npz``.
     """
 
     chains: int = 600
     num_envs: int = 8
     seed: int = 0
-    out: Path = FILE
+    out: Path = Path("chain_states.npz")
+
+    def __post_init__(self) -> None:
+        check_ranges(self, above_0=("chains", "num_envs"), from_0=("seed",))
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -78,6 +78,7 @@ def read_results(path: Path) -> dict[str, dict[int, int]]:
     """Returns how many tasks were solved in a row, by policy and chain; none if there is no file.
 
     A policy's chains are those of one commit and seed: which have most chains, or of as many the later ones.
+    One without any is left out.
 
     Raises:
         ConfigError: The file is damaged.
@@ -88,7 +89,7 @@ def read_results(path: Path) -> dict[str, dict[int, int]]:
 def fullest_runs(path: Path) -> dict[str, list[dict[str, Any]]]:
     """Returns the runs of :func:`read_results` by policy, each with its command, commit and seed."""
     found = {label: _fullest(runs) for label, runs in read_runs(path).items()}
-    return {label: runs for label, runs in found.items() if runs}
+    return {label: runs for label, runs in found.items() if _solved(runs)}
 
 
 def _fullest(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -223,7 +223,7 @@ class TrainRunConfig(CollectConfig):
         if len(self.tasks) > 1 and self.env.scenario:
             raise ConfigError(
                 f"scenario.* change one task, and {len(self.tasks)} are learned together, each in its own "
-                "scene. Leave them out, or leave out policy.tasks."
+                "scene. Leave them out, or train each task by itself."
             )
         check_validation(self.evaluate.splits, self.policy_name, self.collect.num_demos)
 

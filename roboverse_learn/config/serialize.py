@@ -53,8 +53,8 @@ def from_values(command: str, values: Mapping[str, Any]) -> Any:
         of_policy = "policy" in own and error.title == policies.config_class(policy).__name__
         raise _readable(error, "policy." if of_policy else "") from error
     _check_names("task", getattr(config, "tasks", ()))
-    for task in getattr(config, "tasks", ())[1:]:
-        _check_same_options(config.env, task, env.get("task_kwargs", {}))
+    for task in getattr(config, "tasks", ())[1:] if env.get("task_kwargs") else ():
+        _check_same_options(config.env, task, env["task_kwargs"])
     _check_names("simulator", getattr(config, "simulators", ()))
     if hasattr(config, "simulator"):
         _check_names("simulator", [config.simulator])
@@ -169,16 +169,22 @@ def _checked_options(spec: EnvSpec) -> dict[str, Any]:
 def _check_same_options(spec: EnvSpec, other: str, given: Mapping[str, Any]) -> None:
     """Checks that options mean the same to a task that is learned together with another one.
 
+    Args:
+        spec: The environment of the first task, with its checked options: those that are not its defaults.
+        other: The other task.
+        given: The options as they were given.
+
     Raises:
         UnknownNameError: It has no such option.
-        ConfigError: A value is out of its range, or is the default of one of the two alone.
+        ConfigError: A value is out of its range, or the default of one of the two alone.
     """
     options = _checked_options(spec.replace(task=other, task_kwargs=given))
     if options != spec.task_kwargs:
         key = next(k for k in given if options.get(k) != spec.task_kwargs.get(k))
+        own, without = (other, spec.task) if key in spec.task_kwargs else (spec.task, other)
         raise ConfigError(
-            f"task_kwargs.{key}={given[key]} is the default of one of {spec.task} and {other}, which are "
-            "learned together, and not of the other. Leave it out, or train each by itself."
+            f"task_kwargs.{key}={given[key]} is the default of {own} and not of {without}, and tasks that "
+            "are learned together have one value. Leave it out, or train each task by itself."
         )
 
 

@@ -12,12 +12,10 @@ from envs.tasks.calvin.memory import ROBOT_BIT
 from envs.tasks.calvin.sequences import all_chains, chain_is_valid
 
 
-def test_chains_are_valid_and_hardly_any_is_one_of_the_evaluation():
+def test_chains_are_valid_and_none_is_one_of_the_evaluation():
     chains = [drawn_chain(index, seed=0) for index in range(30)]
     assert all(chain_is_valid(symbols, tasks) for symbols, tasks in chains)
-    assert len({tasks for _, tasks in chains}) == 30
-    evaluated = {tasks for _, tasks in all_chains()}
-    assert not evaluated & {tasks for _, tasks in chains}
+    assert not [chain for chain in chains if chain in all_chains()]
     assert drawn_chain(3, seed=0) == chains[3] != drawn_chain(3, seed=1)
 
 

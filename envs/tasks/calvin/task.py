@@ -26,7 +26,7 @@ from envs.tasks.planner import Planner
 from envs.tasks.tabletop import ee_pos
 
 FIRST_OF_CHAIN = 1 / CHAIN_LENGTH
-"""Share of a chain's tasks that begin where the chain does."""
+"""Share of a chain's tasks that begin with the arm in its own posture."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,9 @@ class CalvinTask(NativeSpaces):
 
     Attributes:
         looks: ``boxes`` renders the table's boxes, ``meshes`` CALVIN's meshes and textures; both touch alike.
-        starts: ``reset`` begins with the arm at its own posture, as a chain of instructions does; ``chain``
-            does so in a fifth of the episodes, and begins the others where another task of a chain has just
-            ended, of which scene D has recorded states (:mod:`envs.tasks.calvin.chain_states`).
+        starts: ``reset`` begins with the arm in its own posture; ``chain`` does so in a fifth of the
+            episodes, and begins the others where another task of a chain of instructions has just ended, of
+            which scene D has recorded states (:mod:`envs.tasks.calvin.chain_states`).
         assets_dir: Where CALVIN's files are; None is where ``roboverse assets get calvin`` puts them.
         qpos_noise_rad: Standard deviation of each arm joint's start.
         action_space: ``joints`` for targets of all joints; ``native`` for CALVIN's relative poses.
@@ -74,7 +74,7 @@ class CalvinTask(NativeSpaces):
         if self.starts == "chain" and (self.entry.scene != "D" or self.robot != ROBOT):
             raise ConfigError(
                 f"{self.name} has no starts in the middle of a chain: they were recorded in scene D with "
-                "CALVIN's own robot. Leave out task_kwargs.starts, or take a task of calvin/D without robot=."
+                "CALVIN's own robot. Give task_kwargs.starts=reset, or a task of calvin/D without robot=."
             )
 
     @override

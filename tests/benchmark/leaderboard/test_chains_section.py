@@ -23,13 +23,9 @@ def written(folder, policies):
 
 
 def test_a_row_by_hand(tmp_path):
-    (row,) = chain_rows(written(tmp_path, {"mine 01234567 89abcdef": [run(5, 0, 2, 5)]}))
-    assert (row["policy"], row["is_baseline"], row["chains"], row["average_length"]) == (
-        "mine",
-        False,
-        4,
-        3.0,
-    )
+    (row,) = chain_rows(written(tmp_path, {"my run 01234567 89abcdef": [run(5, 0, 2, 5)]}))
+    assert (row["policy"], row["is_baseline"], row["version"]) == ("my run", False, "")
+    assert (row["chains"], row["average_length"]) == (4, 3.0)
     assert 0.0 <= row["ci_low"] < 3.0 < row["ci_high"] <= 5.0
     assert [rate["success_rate"] for rate in row["rates"]] == [0.75, 0.75, 0.5, 0.5, 0.5]
     assert (row["rates"][0]["ci_low"], row["rates"][0]["ci_high"]) == wilson(3, 4)
@@ -48,10 +44,16 @@ def test_rows_are_in_the_order_of_their_average_length_and_baselines_are_named(t
         "expert 2f": [run(4, 4)],  # in another scene
         "good 0 1": [run(5, 4)],
         "none": [],
+        "nothing 0 1": [run()],
     }
     rows = chain_rows(written(tmp_path, policies))
-    named = [("expert", True), ("good", False), ("expert", True), ("weak", False)]
-    assert [(row["policy"], row["is_baseline"]) for row in rows] == named
+    named = [("expert", True, ""), ("good", False, ""), ("expert", True, "2f"), ("weak", False, "")]
+    assert [(row["policy"], row["is_baseline"], row["version"]) for row in rows] == named
+
+
+def test_two_networks_of_one_name_are_told_apart(tmp_path):
+    rows = chain_rows(written(tmp_path, {"mine 0 1": [run(5)], "mine 2 1": [run(4)]}))
+    assert [(row["policy"], row["version"]) for row in rows] == [("mine", "0 1"), ("mine", "2 1")]
 
 
 def test_a_row_has_the_chains_of_one_commit_in_all_its_parts(tmp_path):
@@ -75,7 +77,7 @@ def test_the_pages_show_chains_also_where_there_is_nothing_else(publish, tmp_pat
         page, table = html.render_html(board), html.render_markdown(board)
         assert 'href="#chains"' in page and "<b>3.00</b>" in page and "4 chains" in page
         assert "No results yet" not in page and "No results yet" not in table
-        assert "| **mine** | 4 | **3.00** (" in table and "75 (30–95)" in table
+        assert "| **mine** | abc | 4 | **3.00** (" in table and "75 (30–95)" in table
         if alone:
             publish()
 

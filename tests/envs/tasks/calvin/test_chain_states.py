@@ -32,7 +32,7 @@ def rngs(count, seed=0):
 
 
 @pytest.mark.parametrize("task", task_facts())
-def test_every_task_can_be_done_in_many_recorded_states(task):
+def test_the_symbols_of_many_recorded_states_let_every_task_be_done(task):
     states, rows = states_before(task)
     assert len(rows) >= 40 and len(set(rows.tolist())) == len(rows) and rows.max() < len(states.led)
 
@@ -43,8 +43,8 @@ def test_the_recorded_scene_is_what_the_symbols_say(recorded):
         recorded.table[:, SWITCH] > memory.SWITCH_ON_M, column(recorded, "lightbulb") == "1"
     )
     np.testing.assert_array_equal(recorded.led, column(recorded, "led") == "1")
-    left = column(recorded, "slider") == "left"  # CALVIN's rule is that the door has moved by 15 cm
-    assert recorded.table[left, SLIDE].min() > 0.1 and recorded.table[~left, SLIDE].max() < 0.14
+    left = column(recorded, "slider") == "left"
+    assert np.mean(recorded.table[left, SLIDE] > 0.15) > 0.99 < np.mean(recorded.table[~left, SLIDE] < 0.13)
     for index, colour in enumerate(BLOCKS):
         held = column(recorded, f"{colour}_block") == "grasped"
         touched = recorded.touches[:, index]
@@ -85,13 +85,6 @@ def test_a_fifth_of_the_starts_of_a_chain_are_its_first():
     arms = state.robots[ROBOT.name].joint_pos[:, list(ROBOT.arm)].numpy()
     near = np.abs(arms - rest).max(1) < 0.05  # five standard deviations of the start
     assert 0.15 < near.mean() < 0.25
-    assert not task.success(with_touches(state)).any()
-
-
-def with_touches(state):
-    for colour in BLOCKS:
-        state.objects[f"block_{colour}"].touched = torch.zeros(state.num_envs, 2 + 1 + len(PART_BITS) + 1)
-    return state
 
 
 def test_the_start_of_an_episode_does_not_depend_on_those_beside_it():

@@ -113,7 +113,12 @@ def test_the_hash_of_several_datasets_depends_on_each_and_on_their_order():
         (
             ["policy=mtact", LIST, "task_kwargs.approach_noise_m=0.01"],
             ConfigError,
-            r"task_kwargs.approach_noise_m=0.01 is the default of one of PickCube and StackCube",
+            r"task_kwargs.approach_noise_m=0.01 is the default of StackCube and not of PickCube",
+        ),
+        (
+            ["policy=mtact", LIST, "task_kwargs.approach_noise_m=0.015"],
+            ConfigError,
+            r"task_kwargs.approach_noise_m=0.015 is the default of PickCube and not of StackCube",
         ),
     ],
 )
