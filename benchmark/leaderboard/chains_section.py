@@ -19,7 +19,7 @@ def chain_rows(results_dir: Path) -> list[dict[str, Any]]:
         Plain values: ``policy``, ``version`` (hashes of its weights and scene, where several rows have its
         name), ``is_baseline``, ``chains`` (how many), ``average_length``, ``ci_low`` and ``ci_high`` (95 %, a
         bootstrap over chains), ``rates`` (of at least 1 to 5 in a row, each with its interval), ``commands``
-        and ``git_sha``.
+        and ``git_sha``, None outside a checkout.
 
     Raises:
         ConfigError: The file is damaged.

@@ -5,7 +5,7 @@ Other packages register protocols through the entry-point group ``roboverse.prot
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from envs.core.errors import ConfigError
 from envs.core.registry import Registry
@@ -61,15 +61,22 @@ def check_protocol(name: str, task: str) -> None:
         task: Name of the task.
 
     Raises:
-        ConfigError: It lacks one: it is of another benchmark.
+        ConfigError: It lacks one, or a value of one: it is of another benchmark.
         UnknownNameError: There is no such protocol, or no such task.
     """
     if not name:
         return
     options: Any = fields(TASKS.get(task))  # pyright: ignore[reportArgumentType]
-    missing = set(PROTOCOLS.get(name).env.get("task_kwargs", {})) - {item.name for item in options}
+    types = {item.name: item.type for item in options}
+    wanted = PROTOCOLS.get(name).env.get("task_kwargs", {})
+    missing = [key for key, value in wanted.items() if not _takes(types.get(key), value)]
     if missing:
         raise ConfigError(
             f"protocol={name} is not for {task}, which lacks its {', '.join(sorted(missing))}. Give a "
             f"task or suite of that benchmark, or leave protocol={name} out."
         )
+
+
+def _takes(option: Any, value: Any) -> bool:
+    """Returns whether an option of this type, None where there is none, takes a value."""
+    return option is not None and (get_origin(option) is not Literal or value in get_args(option))

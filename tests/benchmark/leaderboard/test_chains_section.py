@@ -71,7 +71,7 @@ def test_a_board_without_chains_is_as_before(publish, tmp_path):
 
 
 def test_the_pages_show_chains_also_where_there_is_nothing_else(publish, tmp_path):
-    written(tmp_path, {"mine 0 1": [run(5, 0, 2, 5)]})
+    written(tmp_path, {"mine 0 1": [run(5, 0, 2, 5)], "expert": [run(5, sha=None)]})  # not in a checkout
     for alone in (True, False):
         board = leaderboard.build(tmp_path)
         page, table = html.render_html(board), html.render_markdown(board)
