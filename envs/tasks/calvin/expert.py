@@ -25,7 +25,6 @@ from envs.tasks.calvin.handling import (
 from envs.tasks.calvin.look import Look, look_at
 from envs.tasks.calvin.memory import ANY_BLOCK, PART_BITS, ROBOT_BIT, SWITCH_ON_M
 from envs.tasks.calvin.parts import move_door, move_drawer, press_button, push_switch
-from envs.tasks.calvin.starts import LYING_Z_M
 from envs.tasks.calvin_table import DRAWER_TRAVEL_M, SCALE
 
 IN_CABINET_Y_M = 0.03
@@ -36,6 +35,9 @@ WRIST_M = 0.09
 
 CLEARS = 0.5
 """How often a block is moved out of the wrist's way, which most often passes."""
+
+AFTER_MISS_M = 0.2
+"""A hand so near a block in the cabinet has just missed it, so what is in the wrist's way is moved first."""
 
 HAND_HALF_M = 0.112
 """Half the width of the hand, along which fingers open."""
@@ -83,7 +85,8 @@ def _make_way(look: Look, rng: np.random.Generator, colour: str) -> list[Waypoin
         in_front = [
             b for b in look.others(colour) if b.pos[1] < 0.0 and abs(b.pos[0] - block.pos[0]) < WRIST_M
         ]
-        if in_front and look.luck < CLEARS:
+        missed = np.linalg.norm(look.hand_pos - block.pos) < AFTER_MISS_M
+        if in_front and (missed or look.luck < CLEARS):
             other = in_front[0]
             return carry_sideways(look, other.colour, float(np.sign(other.pos[0] - block.pos[0]) or 1.0), rng)
     elif block.touches & PART_BITS["drawer"] and not drawer_is_reachable(look, float(block.pos[1])):
@@ -107,12 +110,7 @@ def _lift_lost(look: Look) -> list[Waypoint]:
 
 def _push_into(look: Look, rng: np.random.Generator, source: str, target: str) -> list[Waypoint]:
     del source, target
-    # By where they lie: a simulator may not report contacts before the first step.
-    able = [
-        b
-        for b in look.blocks.values()
-        if b.began == PART_BITS["base"] and abs(b.pos[2] - LYING_Z_M) < 0.01 and b.pos[1] < IN_CABINET_Y_M
-    ]
+    able = [b for b in look.blocks.values() if b.began == PART_BITS["base"] and b.touches & PART_BITS["base"]]
     if not able:
         return []
     if not drawer_is_reachable(look):

@@ -108,10 +108,14 @@ class Look:
 
 
 def look_at(scene: str, robot: RobotCfg, state: State, pace: float, luck: float = 0.0) -> Look:
-    """Returns what is seen of a state of one row."""
+    """Returns what is seen of a state of one row; where nothing touches a block, touches are the start's."""
     arm = state.robots[robot.name]
     assert arm.ee_rot is not None, "a simulator gives every robot's end effector"
     hand = ee_pos(arm)[0].numpy()
+    began = {colour: int(memory.start_touches(state, colour)[0]) for colour in BLOCKS}
+    touches = {colour: int(memory.touches(state, colour)[0]) for colour in BLOCKS}
+    if not any(touches.values()):  # mujoco_warp reports no contact before the first step
+        touches = began
     blocks = {}
     for colour in BLOCKS:
         entity = state.objects[f"block_{colour}"]
@@ -120,8 +124,8 @@ def look_at(scene: str, robot: RobotCfg, state: State, pace: float, luck: float 
             entity.pos[0].numpy(),
             to_matrix(entity.rot[0].numpy()),
             np.array([half_length(scene, colour), HALF_WIDTH_M, HALF_WIDTH_M]),
-            int(memory.touches(state, colour)[0]),
-            int(memory.start_touches(state, colour)[0]),
+            touches[colour],
+            began[colour],
         )
     squeezes = bool((target_gap(arm, robot) < finger_gap(arm, robot) - 0.004)[0])
     near = [
