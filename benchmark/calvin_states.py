@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import override
 
-from benchmark.calvin_chains import ENV_TASK, ChainEnv, ChainExpert
+from benchmark.calvin_chains import ENV_TASK, ChainEnv, ChainExpert, run_chains
 from envs.core.arguments import run_program
 from envs.core.ranges import check_ranges
 from envs.randomization import channel_rng
-from envs.rollout import Episode, rollout
+from envs.rollout import Episode
 from envs.spec import EnvSpec
 from envs.state import State
 from envs.tasks.calvin.chain_states import ChainStates
@@ -78,14 +78,13 @@ def found_states(env: RoboVerseVectorEnv, indices: Sequence[int], seed: int = 0)
 
     def note(episode: Episode) -> None:
         if episode.success:
-            episode.plan.clear()
             solved[episode.episode] += 1
             symbols = chains.symbols_after(episode.episode, solved[episode.episode])
             ended = ChainStates.of(env.get_states([episode.env_id]), [symbols])
             if bool(ended.led[0]) == bool(symbols["led"]):  # else the hand pressed the button in passing
                 found[episode.episode].append(ended)
 
-    for place, _ in enumerate(rollout(chains, ChainExpert(chains), indices, on_step=note), 1):
+    for place, _ in enumerate(run_chains(chains, ChainExpert(chains), indices, note), 1):
         logger.info("%d of %d chains", place, len(indices))
     return ChainStates.joined([part for index in indices for part in found[index]])
 

@@ -16,11 +16,13 @@ import torch
 
 from envs.core.atomic import atomic_path
 from envs.scenario import RobotCfg
-from envs.state import EntityState, State
+from envs.state import State
 from envs.tasks.calvin import memory
-from envs.tasks.calvin.catalogue import BLOCKS
+from envs.tasks.calvin.catalogue import BLOCKS, task_facts
+from envs.tasks.calvin.rules import may_be_met
 from envs.tasks.calvin.scene import ROBOT, TABLE
 from envs.tasks.calvin.sequences import Symbols, after, start_symbols
+from envs.tasks.calvin.starts import put_together
 
 FILE = Path(__file__).with_name("chain_states.npz")
 
@@ -89,40 +91,40 @@ class ChainStates:
             rows: Which, (n,).
             robot: The robot, at its place.
         """
-        count = len(rows)
-        arm = EntityState.at_rest(np.array(robot.pos), np.tile(robot.rot, (count, 1)), self.qpos[rows])
-        arm.joint_target = torch.from_numpy(self.targets[rows].astype(np.float64))
-        still = np.tile((1.0, 0.0, 0.0, 0.0), (count, 1))
-        table = EntityState.at_rest(np.zeros(3), still, self.table[rows])
         blocks = {}
         for index, colour in enumerate(BLOCKS):
             poses = self.blocks[rows, index].astype(np.float64)
             rot = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-            blocks[colour] = EntityState.at_rest(poses[:, :3], rot)
-        touched = {c: torch.from_numpy(self.touches[rows, i].astype(np.int64)) for i, c in enumerate(BLOCKS)}
-        led = torch.from_numpy(self.led[rows])
-        markers = memory.marks(table.joint_pos, blocks, touched, led, led)
-        objects = {TABLE: table} | {f"block_{colour}": entity for colour, entity in blocks.items()}
-        for name, (pos, rot) in markers.items():
-            objects[name] = EntityState.at_rest(pos.numpy(), rot.numpy())
-        return State({robot.name: arm}, objects)
+            blocks[colour] = (poses[:, :3], rot)
+        return put_together(
+            robot,
+            self.qpos[rows],
+            self.targets[rows].astype(np.float64),
+            self.table[rows],
+            blocks,
+            {colour: self.touches[rows, i].astype(np.int64) for i, colour in enumerate(BLOCKS)},
+            self.led[rows],
+        )
 
 
 @cache
 def states_before(task: str) -> tuple[ChainStates, np.ndarray]:
-    """Returns the file's states, and those in which a task can be done by its symbols, (n,).
+    """Returns the file's states, and those in which a task can be done, by symbols and by its rule, (n,).
 
-    In some its rule cannot be met all the same, as where the hand still touches the block to be lifted: in
-    6 % of the states of ``push_into_drawer``, 4 % of ``unstack_block``, 2 % at most of the others.
+    The rule leaves some out, as where the hand still touches the block to be lifted off another one: 6 % of
+    the states whose symbols allow ``push_into_drawer``, 4 % of ``unstack_block``, 2 % at most of the others.
     """
-    states = _states()
-    rows = [row for row, values in enumerate(states.symbols.tolist()) if after(_symbols(values), task)]
-    return states, np.array(rows)
+    states, symbols = _file()
+    rows = np.array([row for row, values in enumerate(symbols) if after(values, task)])
+    able = may_be_met(task_facts()[task].rule, states.state(rows, ROBOT)).numpy()
+    return states, rows[able]
 
 
 @cache
-def _states() -> ChainStates:
-    return ChainStates.load()
+def _file() -> tuple[ChainStates, list[dict[str, int | str]]]:
+    """Returns the file's states, and the symbolic state of each."""
+    states = ChainStates.load()
+    return states, [_symbols(values) for values in states.symbols.tolist()]
 
 
 def _symbols(values: Sequence[str]) -> dict[str, int | str]:

@@ -32,6 +32,15 @@ def met(rule: tuple[str | float, ...], state: State) -> Tensor:
     return _RULES[str(kind)](state, *arguments)
 
 
+def may_be_met(rule: tuple[str | float, ...], state: State) -> Tensor:
+    """Returns whether how an episode began lets a rule be met."""
+    kind, *arguments = rule
+    asks = _MAY_BE_MET.get(str(kind))
+    if asks is None:
+        return torch.ones(state.num_envs, dtype=torch.bool, device=state.device)
+    return asks(state, *arguments)
+
+
 def _colour(block: str) -> str:
     return block.removeprefix("block_")
 
@@ -72,52 +81,71 @@ def lifted(state: State, block: str, metres: float, link: str) -> Tensor:
     """A block that lay on a link is higher by more than a distance, and only the robot touches it."""
     colour = _colour(block)
     higher = state.objects[block].pos[:, 2] - memory.start_block(state, colour).pos[:, 2] > metres
-    lay = (memory.start_touches(state, colour) & PART_BITS[LINKS[link]]) > 0
-    return higher & lay & (memory.touches(state, colour) == ROBOT_BIT)
+    alone = memory.touches(state, colour) == ROBOT_BIT
+    return higher & alone & _may_be_lifted(state, block, metres, link)
+
+
+def _may_be_lifted(state: State, block: str, metres: float, link: str) -> Tensor:
+    del metres
+    return (memory.start_touches(state, _colour(block)) & PART_BITS[LINKS[link]]) > 0
 
 
 def placed(state: State, link: str) -> Tensor:
     """The one block that was in the hand lies on a link, and the robot does not touch it."""
-    starts = {colour: memory.start_touches(state, colour) for colour in BLOCKS}
-    in_touch = torch.stack([(code & ROBOT_BIT) > 0 for code in starts.values()], -1)
-    one = in_touch.sum(-1) == 1
-    found = torch.zeros_like(one)
-    for colour, code in starts.items():
-        now = memory.touches(state, colour)
-        lies = ((now & PART_BITS[LINKS[link]]) > 0) & ((now & ROBOT_BIT) == 0)
-        found |= (code == ROBOT_BIT) & lies
-    return one & found
+    return (_one_in_hand(state) & _lie_on(state, link)).any(-1)
+
+
+def _one_in_hand(state: State) -> Tensor:
+    """Returns which block the robot alone touched, where it touched no other one, (N, 3) bool."""
+    began = _began(state)
+    one = ((began & ROBOT_BIT) > 0).sum(-1, keepdim=True) == 1
+    return one & (began == ROBOT_BIT)
 
 
 def pushed_into(state: State, source: str, target: str) -> Tensor:
     """Some block that touched one link alone touches another one, and the robot does not."""
-    found = []
-    for colour in BLOCKS:
-        now = memory.touches(state, colour)
-        lies = ((now & PART_BITS[LINKS[target]]) > 0) & ((now & ROBOT_BIT) == 0)
-        found.append((memory.start_touches(state, colour) == PART_BITS[LINKS[source]]) & lies)
-    return torch.stack(found, -1).any(-1)
+    return (_lay_alone(state, source) & _lie_on(state, target)).any(-1)
+
+
+def _lay_alone(state: State, link: str) -> Tensor:
+    return _began(state) == PART_BITS[LINKS[link]]
 
 
 def stacked(state: State) -> Tensor:
     """Some block that touched none touches blocks alone, and is slow."""
-    found = []
-    for colour in BLOCKS:
-        now, block = memory.touches(state, colour), state.objects[f"block_{colour}"]
-        before = memory.start_touches(state, colour)
-        slow = (block.lin_vel.abs() < MOST_SPEED).all(-1) & (block.ang_vel.abs() < MOST_SPEED).all(-1)
-        found.append(((before & ANY_BLOCK) == 0) & ((now & ANY_BLOCK) > 0) & ((now & ~ANY_BLOCK) == 0) & slow)
-    return torch.stack(found, -1).any(-1)
+    blocks = [state.objects[f"block_{colour}"] for colour in BLOCKS]
+    speeds = torch.stack([torch.cat([block.lin_vel, block.ang_vel], -1) for block in blocks], 1)
+    slow = (speeds.abs() < MOST_SPEED).all(-1)
+    return (_touched_no_block(_began(state)) & _touched_blocks_alone(_now(state)) & slow).any(-1)
 
 
 def unstacked(state: State) -> Tensor:
     """Some block that touched blocks alone touches none."""
-    found = []
-    for colour in BLOCKS:
-        now, before = memory.touches(state, colour), memory.start_touches(state, colour)
-        only = ((before & ANY_BLOCK) > 0) & ((before & ~ANY_BLOCK) == 0)
-        found.append(only & ((now & ANY_BLOCK) == 0))
-    return torch.stack(found, -1).any(-1)
+    return (_touched_blocks_alone(_began(state)) & _touched_no_block(_now(state))).any(-1)
+
+
+def _touched_no_block(codes: Tensor) -> Tensor:
+    return (codes & ANY_BLOCK) == 0
+
+
+def _touched_blocks_alone(codes: Tensor) -> Tensor:
+    return ~_touched_no_block(codes) & ((codes & ~ANY_BLOCK) == 0)
+
+
+def _lie_on(state: State, link: str) -> Tensor:
+    """Returns which blocks touch a link and not the robot, (N, 3) bool."""
+    now = _now(state)
+    return ((now & PART_BITS[LINKS[link]]) > 0) & ((now & ROBOT_BIT) == 0)
+
+
+def _now(state: State) -> Tensor:
+    """Returns what touches each block, (N, 3)."""
+    return torch.stack([memory.touches(state, colour) for colour in BLOCKS], -1)
+
+
+def _began(state: State) -> Tensor:
+    """Returns what touched each block at the start, (N, 3)."""
+    return torch.stack([memory.start_touches(state, colour) for colour in BLOCKS], -1)
 
 
 def switched(state: State, light: str, before: float, after: float) -> Tensor:
@@ -125,6 +153,18 @@ def switched(state: State, light: str, before: float, after: float) -> Tensor:
     began, now = memory.led(state) if light == "led" else memory.bulb(state)
     return (began == bool(before)) & (now == bool(after))
 
+
+_MAY_BE_MET: dict[str, Callable[..., Tensor]] = {
+    "push": lambda state, block, _: (memory.start_touches(state, _colour(block)) & ~ROBOT_BIT) > 0,
+    "lift": _may_be_lifted,
+    "place": lambda state, _: _one_in_hand(state).any(-1),
+    "push_into": lambda state, source, _: _lay_alone(state, source).any(-1),
+    "stack": lambda state: _touched_no_block(_began(state)).any(-1),
+    "unstack": lambda state: _touched_blocks_alone(_began(state)).any(-1),
+    "light": lambda state, light, before, _: (
+        (memory.led(state) if light == "led" else memory.bulb(state))[0] == bool(before)
+    ),
+}
 
 _RULES: dict[str, Callable[..., Tensor]] = {
     "rotate": rotated,
@@ -138,4 +178,4 @@ _RULES: dict[str, Callable[..., Tensor]] = {
     "light": switched,
 }
 
-__all__ = ["BLOCK_BITS", "met"]
+__all__ = ["BLOCK_BITS", "may_be_met", "met"]

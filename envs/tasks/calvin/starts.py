@@ -105,14 +105,7 @@ def initial_state(
     for row, start in enumerate(drawn):
         if start.held is not None:
             qpos[row, fingers], targets[row, fingers] = HALF_WIDTH_M, 0.0
-    arm = EntityState.at_rest(np.array(robot.pos), np.tile(robot.rot, (len(drawn), 1)), qpos)
-    arm.joint_target = torch.from_numpy(targets[:, list(robot.driven)])
     hand_pos, hand_rot = _hands(robot, qpos)
-    table = EntityState.at_rest(
-        np.zeros(3),
-        np.tile((1.0, 0.0, 0.0, 0.0), (len(drawn), 1)),
-        np.stack([start.joints for start in drawn]),
-    )
     blocks = {}
     for colour in BLOCKS:
         pos = np.stack([start.places[colour] for start in drawn])
@@ -121,11 +114,47 @@ def initial_state(
             if start.held == colour:  # its width between the fingers, which open along the hand's x axis
                 pos[row] = hand_pos[row]
                 rot[row] = _along_y(hand_rot[row])
-        blocks[colour] = EntityState.at_rest(pos, rot)
-    touched = {colour: torch.tensor([start.touches[colour] for start in drawn]) for colour in BLOCKS}
-    led = torch.tensor([start.led for start in drawn])
-    markers = memory.marks(table.joint_pos, blocks, touched, led, led)
-    objects = {TABLE: table} | {f"block_{colour}": entity for colour, entity in blocks.items()}
+        blocks[colour] = (pos, rot)
+    return put_together(
+        robot,
+        qpos,
+        targets[:, list(robot.driven)],
+        np.stack([start.joints for start in drawn]),
+        blocks,
+        {colour: np.array([start.touches[colour] for start in drawn]) for colour in BLOCKS},
+        np.array([start.led for start in drawn]),
+    )
+
+
+def put_together(
+    robot: RobotCfg,
+    qpos: np.ndarray,
+    targets: np.ndarray,
+    joints: np.ndarray,
+    blocks: dict[str, tuple[np.ndarray, np.ndarray]],
+    touches: dict[str, np.ndarray],
+    led: np.ndarray,
+) -> State:
+    """Returns starts of episodes (N rows), in which nothing moves.
+
+    Args:
+        robot: The robot, at its place.
+        qpos: Its joints, rad and m, (N, J).
+        targets: Targets of its driven joints, (N, D).
+        joints: Joints of the table, m, (N, 4).
+        blocks: Colour to position, m, (N, 3), and orientation, (N, 4).
+        touches: Colour to what touches it, as :func:`envs.tasks.calvin.memory.touches` says, (N,).
+        led: Whether the LED is lit, (N,) bool.
+    """
+    still = np.tile((1.0, 0.0, 0.0, 0.0), (len(qpos), 1))
+    arm = EntityState.at_rest(np.array(robot.pos), np.tile(robot.rot, (len(qpos), 1)), qpos)
+    arm.joint_target = torch.from_numpy(targets)
+    table = EntityState.at_rest(np.zeros(3), still, joints)
+    entities = {colour: EntityState.at_rest(pos, rot) for colour, (pos, rot) in blocks.items()}
+    touched = {colour: torch.from_numpy(codes) for colour, codes in touches.items()}
+    lit = torch.from_numpy(led)
+    markers = memory.marks(table.joint_pos, entities, touched, lit, lit)
+    objects = {TABLE: table} | {f"block_{colour}": entity for colour, entity in entities.items()}
     objects |= {name: EntityState.at_rest(pos.numpy(), rot.numpy()) for name, (pos, rot) in markers.items()}
     return State({robot.name: arm}, objects)
 

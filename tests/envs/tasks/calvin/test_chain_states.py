@@ -12,6 +12,7 @@ from envs.tasks.calvin import memory
 from envs.tasks.calvin.catalogue import BLOCKS, task_facts
 from envs.tasks.calvin.chain_states import FILE, ChainStates, states_before
 from envs.tasks.calvin.memory import PART_BITS, ROBOT_BIT
+from envs.tasks.calvin.rules import may_be_met
 from envs.tasks.calvin.scene import DRAWER, ROBOT, SLIDE, SWITCH
 from envs.tasks.calvin.sequences import start_symbols
 
@@ -35,6 +36,12 @@ def rngs(count, seed=0):
 def test_the_symbols_of_many_recorded_states_let_every_task_be_done(task):
     states, rows = states_before(task)
     assert len(rows) >= 40 and len(set(rows.tolist())) == len(rows) and rows.max() < len(states.led)
+
+
+def test_the_rule_of_a_task_may_be_met_from_every_state_before_it():
+    for task, facts in task_facts().items():
+        states, rows = states_before(task)
+        assert may_be_met(facts.rule, states.state(rows, ROBOT)).all(), task
 
 
 def test_the_recorded_scene_is_what_the_symbols_say(recorded):

@@ -5,7 +5,7 @@ import pytest
 from envs.core.errors import SimulatorError
 from envs.tasks.calvin.catalogue import task_facts
 from envs.tasks.calvin.memory import begun_here, bulb, led
-from envs.tasks.calvin.rules import met
+from envs.tasks.calvin.rules import may_be_met, met
 from tests.envs.tasks.calvin.states import BASE, BLOCK, DRAWER, PLANK, ROBOT, START_POS, block, state
 
 
@@ -183,6 +183,36 @@ def test_a_row_that_goes_on_keeps_its_start_and_notes_its_light():
     for name, (pos, rot) in begun_here(given, rows=[]).items():
         given.objects[name].pos, given.objects[name].rot = pos, rot
     assert holds("move_slider_left", given) and holds("turn_on_led", given)
+
+
+@pytest.mark.parametrize(
+    ("task", "start", "expected"),
+    [
+        ("place_in_drawer", {}, False),
+        ("place_in_drawer", {"red": ROBOT}, True),
+        ("place_in_drawer", {"red": ROBOT | BASE}, False),
+        ("place_in_drawer", {"red": ROBOT, "blue": ROBOT | BASE}, False),
+        ("push_into_drawer", {}, True),
+        ("push_into_drawer", {"red": BASE | ROBOT, "blue": BASE | ROBOT}, False),
+        ("stack_block", {}, True),
+        ("unstack_block", {}, False),
+        ("unstack_block", {"red": BLOCK["blue"]}, True),
+        ("unstack_block", {"red": BLOCK["blue"] | ROBOT}, False),
+        ("lift_red_block_table", {}, True),
+        ("lift_red_block_table", {"red": ROBOT}, False),
+        ("lift_red_block_slider", {}, False),
+        ("push_red_block_left", {}, True),
+        ("push_red_block_left", {"red": ROBOT}, False),
+        ("turn_on_led", {}, True),
+        ("turn_off_led", {}, False),
+        ("turn_on_lightbulb", {}, True),
+        ("turn_off_lightbulb", {}, False),
+        ("open_drawer", {}, True),
+    ],
+)
+def test_how_an_episode_began_may_rule_out_its_task(task, start, expected):
+    began = {colour: block(START_POS[colour], touched=code, colour=colour) for colour, code in start.items()}
+    assert bool(may_be_met(task_facts()[task].rule, state(start=began))[0]) is expected
 
 
 def test_without_contacts_the_rules_say_which_simulators_report_them():
