@@ -17,7 +17,7 @@ STEPS = (
     *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "level3", "new_looks"),
     *("nuts_diffusion", "ppo_rgb", "h1hand"),
     *("generated", "corrections", "multi_task", "wording", "grasp", "grasp_vla"),
-    *("libero", "libero_shift", "calvin", "axes"),
+    *("libero", "libero_places", "calvin", "axes"),
 )
 PYTHON = """#!{python}
 import json, sys
