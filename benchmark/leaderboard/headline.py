@@ -28,7 +28,8 @@ def headline(
     A board has the entries that learned from the same source, demonstrations or reward, and were tested
     where they were trained, in tasks of one suite: those of the paper's table, or those whose names are the
     same up to the last slash, such as ``libero/goal``, or of several such families that are one registered
-    suite, such as ``grasp/colours``. Only the tasks' own scenes count.
+    suite, such as ``grasp/colours``. A task without a slash is of the smallest suite that has it. Only the
+    tasks' own scenes count.
 
     Args:
         sections: Those of :func:`benchmark.leaderboard.build.build`.
@@ -81,25 +82,31 @@ def _newest_result(section: Mapping[str, Any]) -> str:
 
 
 def _suite(task: str, table: Sequence[str], joined: Mapping[str, str]) -> str:
-    family = task.rpartition("/")[0]
-    return "RoboVerse" if task in table else joined.get(family, family) or "other tasks"
+    if task in table:
+        return "RoboVerse"
+    return joined.get(_family(task)) or task.rpartition("/")[0] or "other tasks"
+
+
+def _family(task: str) -> str:
+    """Returns the part of a task's name before its last slash; a task without one is a family by itself."""
+    return task.rpartition("/")[0] or task
 
 
 def _suites_of_families() -> dict[str, str]:
-    """Returns the suite of each family of tasks that is a part of one: of several, the smallest.
+    """Returns the suite of each family of tasks, or task without one, that is a part of it: the smallest.
 
     A family that is a suite by itself, such as ``libero/goal`` in the suites ``libero_goal`` and ``libero``,
     is not among them.
     """
     families: dict[str, set[str]] = {}
     for task in TASKS:
-        families.setdefault(task.rpartition("/")[0], set()).add(task)
+        families.setdefault(_family(task), set()).add(task)
     suites: dict[str, set[str]] = {}
     for name in SUITES:
         with suppress(RoboVerseError):  # of a package that is damaged, or lacks an extra
             suites[name] = set(suite_tasks(name))
     found = {}
-    for family in filter(None, families):
+    for family in families:
         around = [name for name in suites if families[family] <= suites[name]]
         smallest = min(around, key=lambda name: (len(suites[name]), name), default=None)
         if smallest is not None and suites[smallest] != families[family]:

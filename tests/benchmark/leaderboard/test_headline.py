@@ -195,10 +195,25 @@ def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_p
     assert head in render_markdown(board)
 
 
+def test_tasks_without_a_family_are_ranked_in_the_smallest_suite_that_has_them(publish, tmp_path):
+    for task in ("DoorClose", "DrawerOpen", "Lift", "Coffee"):
+        publish(task=task)
+    board = leaderboard.build(tmp_path)
+    found = {table["suite"]: table["tasks"] for table in board["headline"]}
+    assert found == {
+        "metaworld": ["DoorClose", "DrawerOpen"],
+        "robosuite": ["Lift"],
+        "other tasks": ["Coffee"],
+    }
+
+
 @pytest.mark.parametrize(
     ("names", "joined"),
     [
-        (["theirs/a/x", "theirs/b/y"], {"theirs/a": "all_of_theirs", "theirs/b": "all_of_theirs"}),
+        (
+            ["theirs/a/x", "theirs/b/y"],
+            {"theirs/a": "all_of_theirs", "theirs/b": "all_of_theirs", "PickCube": "more_of_theirs"},
+        ),
         (["theirs/a/x"], {}),
         (lambda: "theirs/a/x", {}),  # no list
     ],
