@@ -75,6 +75,14 @@ def check_program(module: str, words: list[str]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("step", ["nuts", "level3", "libero_places"])
+def test_every_change_that_a_study_tries_changes_its_recipe(step: str, tmp_path: Path) -> None:
+    assert run(tmp_path, step).returncode == 0
+    recipes = [path.read_text() for path in (tmp_path / "figures").glob(f"{step}_*.yaml")]
+    assert len(recipes) > 5 and len(set(recipes)) == len(recipes)
+
+
+@pytest.mark.slow
 def test_all_steps_are_those_that_are_tested(tmp_path: Path) -> None:
     done = run(tmp_path, "nothing")
     assert done.returncode == 2

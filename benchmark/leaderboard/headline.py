@@ -28,7 +28,7 @@ def headline(
     A board has the entries that learned from the same source, demonstrations or reward, and were tested
     where they were trained, in tasks of one suite: those of the paper's table, or those whose names are the
     same up to the last slash, such as ``libero/goal``, or of several such families that are one registered
-    suite, such as ``grasp/colours``. A task without a slash is of the smallest suite that has it. Only the
+    suite, such as ``grasp/colours``. A task without a slash is of the largest suite that has it. Only the
     tasks' own scenes count.
 
     Args:
@@ -93,10 +93,11 @@ def _family(task: str) -> str:
 
 
 def _suites_of_families() -> dict[str, str]:
-    """Returns the suite of each family of tasks, or task without one, that is a part of it: the smallest.
+    """Maps each family of tasks to the smallest suite that has all of it and more, where there is one.
 
     A family that is a suite by itself, such as ``libero/goal`` in the suites ``libero_goal`` and ``libero``,
-    is not among them.
+    is not among them. A task without a slash is mapped to the largest suite that has it: the benchmark that
+    it is from, and not a selection of someone's.
     """
     families: dict[str, set[str]] = {}
     for task in TASKS:
@@ -106,11 +107,12 @@ def _suites_of_families() -> dict[str, str]:
         with suppress(RoboVerseError):  # of a package that is damaged, or lacks an extra
             suites[name] = set(suite_tasks(name))
     found = {}
-    for family in families:
-        around = [name for name in suites if families[family] <= suites[name]]
-        smallest = min(around, key=lambda name: (len(suites[name]), name), default=None)
-        if smallest is not None and suites[smallest] != families[family]:
-            found[family] = smallest
+    for family, tasks in families.items():
+        is_task = "/" not in family and tasks == {family}
+        around = [name for name in suites if tasks <= suites[name]]
+        around.sort(key=lambda name: (len(suites[name]), name), reverse=is_task)
+        if around and (is_task or suites[around[0]] != tasks):
+            found[family] = around[0]
     return found
 
 

@@ -92,7 +92,7 @@ FOR_CHAINS = """## Demonstrations for chains
 In a chain an instruction begins where the last one ended: at a handle, above a block, with a block in the hand. A policy
 whose demonstrations all begin in the arm's own posture has never seen that. With `task_kwargs.starts=chain` a fifth of
 the episodes of a task begin with the arm in its own posture, and the others where another task of a chain has just ended
-and this one is possible, by the symbols of the state and by what its rule asks of a start:
+and this one is possible, by the symbols of the state, its contacts and its lights:
 
 ```bash
 roboverse collect suite=calvin task_kwargs.starts=chain num_demos=100

@@ -1,8 +1,8 @@
 """Starts as in the middle of a chain: states of scene D in which the task before has just ended.
 
-``chain_states.npz`` has them, from 600 chains of the expert (``python -m benchmark.calvin_states``): none of
-the evaluation's, although three have the tasks of one of these, from another start. It has joints of the arm
-and of the table, blocks, what touches them, and the symbolic state. Nothing moves. Shapes: N states.
+``chain_states.npz`` has them, from 600 chains of 74040727's expert (``python -m benchmark.calvin_states``):
+none of the evaluation's, although three have the tasks of one of these, from another start. It has joints of
+the arm and of the table, blocks, what touches them, and the symbolic state. Nothing moves. Shapes: N states.
 """
 
 from collections.abc import Sequence
@@ -109,9 +109,9 @@ class ChainStates:
 
 @cache
 def states_before(task: str) -> tuple[ChainStates, np.ndarray]:
-    """Returns the file's states, and those in which a task can be done, by symbols and by its rule, (n,).
+    """Returns the file's states, and those in which a task can be done by symbols, contacts and lights, (n,).
 
-    The rule leaves some out, as where the hand still touches the block to be lifted off another one: 6 % of
+    Contacts leave some out, as where the hand still touches the block to be lifted off another one: 6 % of
     the states whose symbols allow ``push_into_drawer``, 4 % of ``unstack_block``, 2 % at most of the others.
     """
     states, symbols = _file()

@@ -37,7 +37,7 @@ CLEARS = 0.5
 """How often a block is moved out of the wrist's way, which most often passes."""
 
 AFTER_MISS_M = 0.2
-"""A hand so near a block in the cabinet has just missed it, so what is in the wrist's way is moved first."""
+"""A hand so near a block in the cabinet may have just missed it: the wrist's way is then cleared first."""
 
 HAND_HALF_M = 0.112
 """Half the width of the hand, along which fingers open."""

@@ -108,7 +108,7 @@ class Look:
 
 
 def look_at(scene: str, robot: RobotCfg, state: State, pace: float, luck: float = 0.0) -> Look:
-    """Returns what is seen of a state of one row; where nothing touches a block, touches are the start's."""
+    """Returns what is seen of a state of one row; where it has no contact, contacts are the start's."""
     arm = state.robots[robot.name]
     assert arm.ee_rot is not None, "a simulator gives every robot's end effector"
     hand = ee_pos(arm)[0].numpy()

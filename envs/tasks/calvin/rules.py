@@ -33,7 +33,7 @@ def met(rule: tuple[str | float, ...], state: State) -> Tensor:
 
 
 def may_be_met(rule: tuple[str | float, ...], state: State) -> Tensor:
-    """Returns whether how an episode began lets a rule be met."""
+    """Returns whether a rule can be met by what touched the blocks and was lit at the start, (N,) bool."""
     kind, *arguments = rule
     asks = _MAY_BE_MET.get(str(kind))
     if asks is None:

@@ -195,7 +195,7 @@ def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_p
     assert head in render_markdown(board)
 
 
-def test_tasks_without_a_family_are_ranked_in_the_smallest_suite_that_has_them(publish, tmp_path):
+def test_tasks_without_a_family_are_ranked_in_the_largest_suite_that_has_them(publish, tmp_path):
     for task in ("DoorClose", "DrawerOpen", "Lift", "Coffee"):
         publish(task=task)
     board = leaderboard.build(tmp_path)
@@ -214,8 +214,8 @@ def test_tasks_without_a_family_are_ranked_in_the_smallest_suite_that_has_them(p
             ["theirs/a/x", "theirs/b/y"],
             {"theirs/a": "all_of_theirs", "theirs/b": "all_of_theirs", "PickCube": "more_of_theirs"},
         ),
-        (["theirs/a/x"], {}),
-        (lambda: "theirs/a/x", {}),  # no list
+        (["theirs/a/x"], {"PickCube": "more_of_theirs"}),
+        (lambda: "theirs/a/x", {"PickCube": "more_of_theirs"}),  # no list
     ],
 )
 def test_a_family_is_joined_to_a_suite_that_has_all_of_it_and_more(monkeypatch, names, joined):
@@ -223,7 +223,10 @@ def test_a_family_is_joined_to_a_suite_that_has_all_of_it_and_more(monkeypatch, 
     for task in ("theirs/a/x", "theirs/b/y", "PickCube"):
         tasks.add(task, "theirs:Task")
     suites.add("all_of_theirs", names)
-    suites.add("more_of_theirs", ["theirs/a/x", "theirs/b/y", "PickCube"] if joined else ["PickCube"])
+    every = ["theirs/a/x", "theirs/b/y", "PickCube"]
+    suites.add("more_of_theirs", every if "theirs/a" in joined else ["PickCube"])
+    if "theirs/a" in joined:
+        suites.add("a_selection", ["PickCube"])
     monkeypatch.setattr("benchmark.leaderboard.headline.TASKS", tasks)
     for module in ("benchmark.leaderboard.headline", "envs.tasks.suites"):
         monkeypatch.setattr(f"{module}.SUITES", suites)

@@ -36,6 +36,12 @@ def test_a_block_held_at_the_start_is_held_where_no_contact_is_known_yet():
     assert look.held == "red" and look.blocks["blue"].touches == BASE
 
 
+def test_a_block_is_pushed_into_the_drawer_where_no_contact_is_known_yet():
+    unknown = {c: block(START_POS[c], colour=c) for c in START_POS}
+    given = with_hand(state(joints=(0.0, 0.22, 0.0, 0.0), now=unknown), gap_m=0.08, target_m=0.08)
+    assert plan("D", "push_into_drawer", ARM, given, np.random.default_rng(0))
+
+
 def test_a_block_that_the_hand_lost_is_not_held():
     look = look_at("D", ARM, held_state(touched_now=BASE), pace=1.0)
     assert look.held is None and look.blocks["red"].touches == 0

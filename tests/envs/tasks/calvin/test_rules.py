@@ -6,6 +6,7 @@ from envs.core.errors import SimulatorError
 from envs.tasks.calvin.catalogue import task_facts
 from envs.tasks.calvin.memory import begun_here, bulb, led
 from envs.tasks.calvin.rules import may_be_met, met
+from envs.tasks.calvin_table import SWITCH_TRAVEL_M
 from tests.envs.tasks.calvin.states import BASE, BLOCK, DRAWER, PLANK, ROBOT, START_POS, block, state
 
 
@@ -203,16 +204,25 @@ def test_a_row_that_goes_on_keeps_its_start_and_notes_its_light():
         ("lift_red_block_slider", {}, False),
         ("push_red_block_left", {}, True),
         ("push_red_block_left", {"red": ROBOT}, False),
-        ("turn_on_led", {}, True),
-        ("turn_off_led", {}, False),
-        ("turn_on_lightbulb", {}, True),
-        ("turn_off_lightbulb", {}, False),
         ("open_drawer", {}, True),
+        ("rotate_red_block_left", {"red": ROBOT}, True),
+        ("push_red_block_left", {"red": ROBOT | BASE}, True),
+        ("lift_pink_block_slider", {}, True),
     ],
 )
 def test_how_an_episode_began_may_rule_out_its_task(task, start, expected):
     began = {colour: block(START_POS[colour], touched=code, colour=colour) for colour, code in start.items()}
     assert bool(may_be_met(task_facts()[task].rule, state(start=began))[0]) is expected
+
+
+@pytest.mark.parametrize("task", ["led", "lightbulb"])
+@pytest.mark.parametrize("lit", [False, True])
+@pytest.mark.parametrize("lit_now", [False, True])
+def test_a_light_may_be_turned_on_that_was_off_at_the_start(task, lit, lit_now):
+    switch = {False: (0.0, 0.0, 0.0, 0.0), True: (0.0, 0.0, 0.0, SWITCH_TRAVEL_M)}
+    given = state(joints=switch[lit_now], start_joints=switch[lit], led=(lit, lit_now))
+    assert bool(may_be_met(task_facts()[f"turn_on_{task}"].rule, given)[0]) is not lit
+    assert bool(may_be_met(task_facts()[f"turn_off_{task}"].rule, given)[0]) is lit
 
 
 def test_without_contacts_the_rules_say_which_simulators_report_them():
