@@ -54,7 +54,8 @@ def test_a_packed_folder_has_the_tracked_files_and_the_commit(tmp_path):
     assert run("--pack", "packed", cwd=tmp_path).returncode == 0
     for path in ("pyproject.toml", "configs/preset/gpu.yaml", "envs/__init__.py", "tests/conftest.py"):
         assert (folder / path).is_file()
-    assert not (folder / "results").exists() and not any(path.is_symlink() for path in folder.rglob("*"))
+    assert not (folder / "results").exists() and not (folder / "docs").exists()
+    assert not any(path.is_symlink() for path in folder.rglob("*"))
     assert len((folder / "COMMIT").read_text().strip()) == 40
     again = run("--pack", str(folder))
     assert again.returncode == 2 and "exists. Name a new folder." in again.stderr
