@@ -244,6 +244,7 @@ def test_the_recipe_of_the_papers_tasks_learns_from_the_datasets_of_the_table():
         ("mtact_calvin", "calvin", ("static", "gripper")),
         pytest.param(
             "mtact_libero",
+            "mtact_libero_short",
             "libero_10_expert",
             ("agentview", "robot0_eye_in_hand"),
             marks=pytest.mark.skipif(find_spec("libero") is None, reason="needs the extra libero"),
