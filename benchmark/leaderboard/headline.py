@@ -108,7 +108,7 @@ def _suites_of_families() -> dict[str, str]:
             suites[name] = set(suite_tasks(name))
     found = {}
     for family, tasks in families.items():
-        is_task = "/" not in family and tasks == {family}
+        is_task = tasks == {family}
         around = [name for name in suites if tasks <= suites[name]]
         around.sort(key=lambda name: (len(suites[name]), name), reverse=is_task)
         if around and (is_task or suites[around[0]] != tasks):

@@ -168,12 +168,15 @@ def test_a_changed_horizon_is_another_section_and_the_newest_is_ranked(publish, 
     assert ">MuJoCo, 100 steps</label>" in page and ">MuJoCo, 250 steps</label>" in page
 
 
+def suites_of(board):
+    return {table["suite"]: table["tasks"] for table in board["headline"]}
+
+
 def test_suites_of_a_family_are_ranked_apart_and_columns_leave_out_the_suite(publish, tmp_path):
     for task in ("grasp/few/milk", "grasp/few/butter", "grasp/many/milk", "calvin/D/turn_on_led"):
         publish(task=task)
     board = leaderboard.build(tmp_path)
-    found = {table["suite"]: table["tasks"] for table in board["headline"]}
-    assert found == {
+    assert suites_of(board) == {
         "grasp/few": ["grasp/few/butter", "grasp/few/milk"],
         "grasp/many": ["grasp/many/milk"],
         "calvin/D": ["calvin/D/turn_on_led"],
@@ -186,8 +189,7 @@ def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_p
     for task in tasks:
         publish(task=task)
     board = leaderboard.build(tmp_path)
-    found = {table["suite"]: table["tasks"] for table in board["headline"]}
-    assert found == {
+    assert suites_of(board) == {
         "grasp/colours": ["grasp/colours_1/milk", "grasp/colours_2/butter"],
         "calvin_abc": ["calvin/A/turn_on_led", "calvin/B/turn_on_led"],
     }
@@ -198,9 +200,7 @@ def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_p
 def test_tasks_without_a_family_are_ranked_in_the_largest_suite_that_has_them(publish, tmp_path):
     for task in ("DoorClose", "DrawerOpen", "Lift", "Coffee"):
         publish(task=task)
-    board = leaderboard.build(tmp_path)
-    found = {table["suite"]: table["tasks"] for table in board["headline"]}
-    assert found == {
+    assert suites_of(leaderboard.build(tmp_path)) == {
         "metaworld": ["DoorClose", "DrawerOpen"],
         "robosuite": ["Lift"],
         "other tasks": ["Coffee"],
