@@ -1,7 +1,7 @@
 """Words and numbers of the leaderboard's pages: names of policies and simulators, budgets, rates, dates."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -16,6 +16,9 @@ LEVELS = {
     3: ("+ light", "Lights, their colour, and how surfaces reflect vary, too."),
 }
 """Channel that each level adds, for the head of its column."""
+
+_FEWEST_SHARED = 3
+"""Words that names share before they are left out: ``turn_on_led`` stays beside ``turn_on_lightbulb``."""
 
 _NAMES = {
     "act": "ACT",
@@ -105,14 +108,34 @@ def breakable(task: str) -> str:
     return "\u200b".join(words_of_task(task))
 
 
-def within(task: str, suite: str) -> str:
-    """Returns a task's name without the suite or the suite's family that it begins with, if it does.
+def within(task: str, board: Mapping[str, Any]) -> str:
+    """Returns a task's name without what the other tasks of its board share with it.
 
-    ``grasp/few/milk`` is ``milk`` in ``grasp/few``, and ``grasp/colours_1/milk`` is ``colours_1/milk`` in
-    ``grasp/colours``.
+    That is the suite or the suite's family that it begins with, and three or more words at either end.
+    ``grasp/few/milk`` is ``milk`` in ``grasp/few``, ``grasp/colours_1/milk``
+    is ``colours_1/milk`` in ``grasp/colours``, and ``pick_up_the_milk_and_place_it_in_the_basket`` of
+    LIBERO-object is ``milk``.
     """
-    start = suite if task.startswith(f"{suite}/") else suite.rpartition("/")[0]
-    return task.removeprefix(f"{start}/")
+    suite = board["suite"]
+
+    def words(name: str) -> list[str]:
+        start = suite if name.startswith(f"{suite}/") else suite.rpartition("/")[0]
+        return name.removeprefix(f"{start}/").split("_")
+
+    others = [words(each) for each in board["tasks"] if each != task]
+    own = words(task)
+    first = _num_shared([own, *others])
+    last = _num_shared([each[first:][::-1] for each in (own, *others)])
+    return "_".join(own[first : len(own) - last])
+
+
+def _num_shared(names: Sequence[Sequence[str]]) -> int:
+    """Returns how many first words all of several names have, 0 if they are few; each keeps a word."""
+    if len(names) == 1:
+        return 0
+    most = min(map(len, names)) - 1
+    shared = next((n for n in range(most) if len({name[n] for name in names}) > 1), most)
+    return shared if shared >= _FEWEST_SHARED else 0
 
 
 def percent(rate: float) -> str:

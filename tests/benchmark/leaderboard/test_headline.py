@@ -197,6 +197,21 @@ def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_p
     assert head in render_markdown(board)
 
 
+def test_columns_leave_out_the_words_that_all_of_their_names_share(publish, tmp_path):
+    def columns(*tasks):
+        for task in tasks:
+            publish(task=task)
+        return render_markdown(leaderboard.build(tmp_path))
+
+    place = "and_place_it_in_the_basket"
+    first = f"libero/object/pick_up_the_milk_{place}"
+    assert f"| budget | pick_up_the_milk_{place} | mean |" in columns(first)
+    page = columns(f"libero/object/pick_up_the_bbq_sauce_{place}")
+    assert "| budget | bbq_sauce | milk | mean |" in page
+    page = columns("calvin/D/turn_on_led", "calvin/D/turn_on_lightbulb")
+    assert "| budget | turn_on_led | turn_on_lightbulb | mean |" in page
+
+
 def test_tasks_without_a_family_are_ranked_in_the_largest_suite_that_has_them(publish, tmp_path):
     for task in ("DoorClose", "DrawerOpen", "Lift", "Coffee"):
         publish(task=task)

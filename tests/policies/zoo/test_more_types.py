@@ -7,21 +7,23 @@ import numpy as np
 import pytest
 
 import policies
-from policies.zoo.config import LeRobotConfig
+from policies.zoo.config import LeRobotConfig, PeftConfig
 from policies.zoo.preflight import packages_of_type
 from tests.policies.examples import FEATURES, generators
 from tests.policies.zoo import test_vla as vla
-from tests.policies.zoo import tiny, tiny_more
+from tests.policies.zoo import tiny, tiny_more, tiny_packages
 from tests.policies.zoo.needs import needs, of_types
 
 pytestmark = vla.LIBRARY_TEST
 
 
-KEEPS_ITS_BACKBONE = ("evo1", "fastwam", "molmoact2")
+KEEPS_ITS_BACKBONE = ("evo1", "fastwam", "molmoact2", "wall_x", "groot")
 """Types whose checkpoint finds its backbone where it was: it carries none (docs/howto/fine_tune_a_vla.md)."""
 
 
-TYPES = ("vqbet", "evo1", "eo1", "pi0_fast", "vla_jepa", "fastwam", "molmoact2")
+TYPES = ("vqbet", "evo1", "eo1", "pi0_fast", "vla_jepa", "fastwam", "molmoact2", "wall_x", "groot")
+READ_INSTRUCTIONS = ("pi0_fast", "vla_jepa", "fastwam", "molmoact2", "wall_x", "groot")
+FIXED_IN_CODE = tiny_more.FIXED_IN_CODE | tiny_packages.FIXED_IN_CODE
 
 
 @pytest.fixture(scope="module", params=of_types(*TYPES))
@@ -29,9 +31,10 @@ def trained(request, tmp_path_factory):
     """A policy after three steps, and its checkpoint, which moved."""
     name, folder = request.param, tmp_path_factory.mktemp(request.param)
     with pytest.MonkeyPatch.context() as patch:
-        settings = getattr(tiny_more, name)(folder / "backbone")
-        if name in tiny_more.FIXED_IN_CODE:
-            tiny_more.FIXED_IN_CODE[name](patch, folder / "backbone")
+        module = tiny_packages if hasattr(tiny_packages, name) else tiny_more
+        settings = getattr(module, name)(folder / "backbone")
+        if name in FIXED_IN_CODE:
+            FIXED_IN_CODE[name](patch, folder / "backbone")
         policy = vla.create(type=name, settings=settings)
         losses = vla.step(policy, count=3)
         policy.save(folder / "run" / "pretrained_model")
@@ -60,7 +63,7 @@ def test_an_episode_is_evaluated_by_the_command(trained, tmp_path):
     assert result.policy == trained.name and len(result.records) == 1
 
 
-@pytest.mark.parametrize("trained", of_types("pi0_fast", "vla_jepa", "fastwam", "molmoact2"), indirect=True)
+@pytest.mark.parametrize("trained", of_types(*READ_INSTRUCTIONS), indirect=True)
 def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
     policy = trained.policy
     two = policy.act(vla.observation(policy), generators(2))
@@ -71,7 +74,32 @@ def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
         assert not np.array_equal(two[0], other[0])
 
 
-def test_fine_tuning_takes_the_statistics_of_its_dataset(trained):
+@needs("peft")
+@pytest.mark.parametrize("trained", of_types(*tiny_packages.TARGETS), indirect=True)
+def test_adapters_train_alone_and_load_again(trained, tmp_path):
+    peft = PeftConfig(method_type="LORA", r=2, target_modules=tiny_packages.TARGETS[trained.name])
+    policy = vla.create(path=str(trained.checkpoint), peft=peft)
+    before = {key: value.clone() for key, value in policy.network.state_dict().items()}
+    losses = vla.step(policy, lr=1e-2, count=3)
+    assert np.isfinite(losses).all() and len({*losses}) > 1
+    after = policy.network.state_dict()
+    changed = {key for key in before if not before[key].equal(after[key])}
+    assert changed and all("lora_" in key for key in changed)
+    seen = vla.observation(policy)
+    expected = policy.act(seen, generators(2))
+    policy.save(tmp_path / "lora")
+    shutil.move(tmp_path / "lora", tmp_path / "moved")
+    size = (tmp_path / "moved" / "adapter_model.safetensors").stat().st_size
+    assert size < (trained.checkpoint / "model.safetensors").stat().st_size / 2
+    loaded = policies.load(tmp_path / "moved")
+    np.testing.assert_array_equal(loaded.act(seen, generators(2)), expected)
+    assert not np.array_equal(expected, trained.policy.act(seen, generators(2)))
+
+
+def test_fine_tuning_takes_the_statistics_of_its_dataset(trained, request):
+    if trained.name == "groot":
+        reason = "GR00T's own steps keep the statistics of their checkpoint, as in LeRobot 0.6.1"
+        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     given = vla.with_quantiles()
     given["action"] = {name: value + 5 for name, value in given["action"].items()}
     config = LeRobotConfig(path=str(trained.checkpoint))

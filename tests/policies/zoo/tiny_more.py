@@ -1,5 +1,6 @@
 """Tiny backbones of further types, made from configurations: no hub, no weights of others."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ from tests.policies.zoo.tiny import bpe, paligemma, shrink_pi
 
 QWEN = ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<|vision_start|>", "<|vision_end|>", "<|image_pad|>",
         "<|video_pad|>"]  # fmt: skip
+VISION = ("image_pad", "video_pad", "vision_start", "vision_end")
 CHAT = (
     "{% for message in messages %}<|im_start|>{{ message['role'] }}\n"
     "{% for part in message['content'] %}{% if part['type'] == 'image' %}"
@@ -28,36 +30,66 @@ def vqbet(folder: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def eo1(folder: Path) -> dict[str, Any]:
-    """A Qwen2.5-VL of one layer with its processor; returns the settings of a policy on it."""
-    from transformers import PreTrainedTokenizerFast, Qwen2_5_VLConfig, Qwen2_5_VLForConditionalGeneration
-    from transformers.models.qwen2_5_vl.processing_qwen2_5_vl import Qwen2_5_VLProcessor
-    from transformers.models.qwen2_vl.image_processing_qwen2_vl import Qwen2VLImageProcessor
-    from transformers.models.qwen2_vl.video_processing_qwen2_vl import Qwen2VLVideoProcessor
+def qwen_tokenizer(more: Sequence[str] = (), names: Sequence[str] = ("image_token", "video_token")) -> Any:
+    """A tokenizer with Qwen's special tokens.
 
-    tokenizer = PreTrainedTokenizerFast(
-        tokenizer_object=bpe(QWEN), pad_token="<|endoftext|>", eos_token="<|im_end|>",
-        extra_special_tokens={"image_token": "<|image_pad|>", "video_token": "<|video_pad|>"},
+    Args:
+        more: Further special tokens.
+        names: Attributes of the tokenizer that name the tokens of :data:`VISION`, in their order.
+    """
+    from transformers import PreTrainedTokenizerFast
+
+    return PreTrainedTokenizerFast(
+        tokenizer_object=bpe([*QWEN, *more]), pad_token="<|endoftext|>", eos_token="<|im_end|>",
+        extra_special_tokens={name: f"<|{token}|>" for name, token in zip(names, VISION, strict=False)},
     )  # fmt: skip
-    ids = {name: tokenizer.convert_tokens_to_ids(f"<|{name}|>") for name in
-           ("image_pad", "video_pad", "vision_start", "vision_end")}  # fmt: skip
-    config = Qwen2_5_VLConfig(
-        text_config=dict(
+
+
+def vision_ids(tokenizer: Any) -> dict[str, int]:
+    """Returns the settings of a Qwen-VL configuration that tell which tokens stand for images."""
+    image, video, start, end = (tokenizer.convert_tokens_to_ids(f"<|{name}|>") for name in VISION)
+    return {
+        "image_token_id": image, "video_token_id": video, "vision_start_token_id": start,
+        "vision_end_token_id": end,
+    }  # fmt: skip
+
+
+def qwen2_5_sizes() -> dict[str, Any]:
+    """Returns the settings of a Qwen2.5-VL of one narrow layer."""
+    return {
+        "text_config": dict(
             hidden_size=64, intermediate_size=128, num_hidden_layers=1, num_attention_heads=4,
             num_key_value_heads=2, vocab_size=512, max_position_embeddings=1024, pad_token_id=0,
             rope_parameters={"rope_type": "default", "mrope_section": [2, 3, 3], "rope_theta": 10000.0},
         ),
-        vision_config=dict(
+        "vision_config": dict(
             depth=1, hidden_size=32, intermediate_size=64, num_heads=2, out_hidden_size=64, patch_size=14,
             spatial_merge_size=2, fullatt_block_indexes=[0], window_size=112,
         ),
-        image_token_id=ids["image_pad"], video_token_id=ids["video_pad"],
-        vision_start_token_id=ids["vision_start"], vision_end_token_id=ids["vision_end"],
-    )  # fmt: skip
-    Qwen2_5_VLForConditionalGeneration(config).save_pretrained(folder)
-    Qwen2_5_VLProcessor(
+    }  # fmt: skip
+
+
+def save_qwen2_5_processor(tokenizer: Any, folder: Path) -> Any:
+    """Writes the processor of a Qwen2.5-VL and returns it."""
+    from transformers.models.qwen2_5_vl.processing_qwen2_5_vl import Qwen2_5_VLProcessor
+    from transformers.models.qwen2_vl.image_processing_qwen2_vl import Qwen2VLImageProcessor
+    from transformers.models.qwen2_vl.video_processing_qwen2_vl import Qwen2VLVideoProcessor
+
+    processor = Qwen2_5_VLProcessor(
         Qwen2VLImageProcessor(), tokenizer, Qwen2VLVideoProcessor(), chat_template=CHAT
-    ).save_pretrained(folder)
+    )
+    processor.save_pretrained(folder)
+    return processor
+
+
+def eo1(folder: Path) -> dict[str, Any]:
+    """A Qwen2.5-VL of one layer with its processor; returns the settings of a policy on it."""
+    from transformers import Qwen2_5_VLConfig, Qwen2_5_VLForConditionalGeneration
+
+    tokenizer = qwen_tokenizer()
+    config = Qwen2_5_VLConfig(**qwen2_5_sizes(), **vision_ids(tokenizer))
+    Qwen2_5_VLForConditionalGeneration(config).save_pretrained(folder)
+    save_qwen2_5_processor(tokenizer, folder)
     return {
         "vlm_base": str(folder), "image_min_pixels": 28 * 28 * 4, "image_max_pixels": 28 * 28 * 4,
         "chunk_size": 4, "n_action_steps": 4, "num_denoise_steps": 2, "dtype": "float32",
@@ -133,27 +165,14 @@ def pi0_fast(folder: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def vla_jepa(folder: Path) -> dict[str, Any]:
-    """A Qwen3-VL and a V-JEPA 2 of one layer, with processors; returns the settings of a policy on them."""
-    from transformers import (
-        PreTrainedTokenizerFast,
-        Qwen3VLConfig,
-        Qwen3VLForConditionalGeneration,
-        VJEPA2Config,
-        VJEPA2Model,
-    )
+def qwen3_vl(folder: Path) -> None:
+    """Writes a Qwen3-VL of one narrow layer with its processor."""
+    from transformers import Qwen3VLConfig, Qwen3VLForConditionalGeneration
     from transformers.models.qwen2_vl.image_processing_qwen2_vl import Qwen2VLImageProcessor
     from transformers.models.qwen3_vl.processing_qwen3_vl import Qwen3VLProcessor
     from transformers.models.qwen3_vl.video_processing_qwen3_vl import Qwen3VLVideoProcessor
-    from transformers.models.vjepa2.video_processing_vjepa2 import VJEPA2VideoProcessor
 
-    names = ("image_pad", "video_pad", "vision_start", "vision_end")
-    tokens = ("image_token", "video_token", "vision_bos_token", "vision_eos_token")
-    tokenizer = PreTrainedTokenizerFast(
-        tokenizer_object=bpe(QWEN), pad_token="<|endoftext|>", eos_token="<|im_end|>",
-        extra_special_tokens={token: f"<|{name}|>" for token, name in zip(tokens, names, strict=True)},
-    )  # fmt: skip
-    ids = {f"{name}_id": tokenizer.convert_tokens_to_ids(f"<|{name}|>") for name in names}
+    tokenizer = qwen_tokenizer(names=("image_token", "video_token", "vision_bos_token", "vision_eos_token"))
     config = Qwen3VLConfig(
         text_config=dict(
             hidden_size=32, intermediate_size=64, num_hidden_layers=1, num_attention_heads=2,
@@ -168,8 +187,7 @@ def vla_jepa(folder: Path) -> dict[str, Any]:
             spatial_merge_size=2, temporal_patch_size=2, num_position_embeddings=16,
             deepstack_visual_indexes=[0],
         ),
-        image_token_id=ids["image_pad_id"], video_token_id=ids["video_pad_id"],
-        vision_start_token_id=ids["vision_start_id"], vision_end_token_id=ids["vision_end_id"],
+        **vision_ids(tokenizer),
     )  # fmt: skip
     Qwen3VLForConditionalGeneration(config).save_pretrained(folder)
     size = {"shortest_edge": 32 * 32, "longest_edge": 32 * 32}
@@ -177,6 +195,14 @@ def vla_jepa(folder: Path) -> dict[str, Any]:
     Qwen3VLProcessor(
         Qwen2VLImageProcessor(**shape), tokenizer, Qwen3VLVideoProcessor(**shape), chat_template=CHAT
     ).save_pretrained(folder)
+
+
+def vla_jepa(folder: Path) -> dict[str, Any]:
+    """A Qwen3-VL and a V-JEPA 2 of one layer, with processors; returns the settings of a policy on them."""
+    from transformers import VJEPA2Config, VJEPA2Model
+    from transformers.models.vjepa2.video_processing_vjepa2 import VJEPA2VideoProcessor
+
+    qwen3_vl(folder)
     encoder = folder.with_name(f"{folder.name}-jepa")
     VJEPA2Model(
         VJEPA2Config(
