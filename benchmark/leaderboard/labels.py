@@ -112,27 +112,26 @@ def within(task: str, board: Mapping[str, Any]) -> str:
     """Returns a task's name without what the other tasks of its board share with it.
 
     That is the suite or the suite's family that it begins with, and three or more words at either end.
-    ``grasp/few/milk`` is ``milk`` in ``grasp/few``, ``grasp/colours_1/milk``
-    is ``colours_1/milk`` in ``grasp/colours``, and ``pick_up_the_milk_and_place_it_in_the_basket`` of
-    LIBERO-object is ``milk``.
+    ``grasp/few/milk`` is ``milk`` in ``grasp/few``, ``grasp/colours_1/milk`` is ``colours_1/milk`` in
+    ``grasp/colours``, and ``pick_up_the_milk_and_place_it_in_the_basket`` of LIBERO-object is ``milk``.
+    Names that keep a scene keep all of their words.
     """
     suite = board["suite"]
 
-    def words(name: str) -> list[str]:
+    def short(name: str) -> str:
         start = suite if name.startswith(f"{suite}/") else suite.rpartition("/")[0]
-        return name.removeprefix(f"{start}/").split("_")
+        return name.removeprefix(f"{start}/")
 
-    others = [words(each) for each in board["tasks"] if each != task]
-    own = words(task)
+    own, *others = (short(name).split("_") for name in (task, *(set(board["tasks"]) - {task})))
+    if not others or any("/" in word for words in (own, *others) for word in words):
+        return short(task)
     first = _num_shared([own, *others])
-    last = _num_shared([each[first:][::-1] for each in (own, *others)])
+    last = _num_shared([words[first:][::-1] for words in (own, *others)])
     return "_".join(own[first : len(own) - last])
 
 
 def _num_shared(names: Sequence[Sequence[str]]) -> int:
     """Returns how many first words all of several names have, 0 if they are few; each keeps a word."""
-    if len(names) == 1:
-        return 0
     most = min(map(len, names)) - 1
     shared = next((n for n in range(most) if len({name[n] for name in names}) > 1), most)
     return shared if shared >= _FEWEST_SHARED else 0

@@ -5,6 +5,7 @@ import pytest
 from benchmark.leaderboard import build as leaderboard
 from benchmark.leaderboard import headline
 from benchmark.leaderboard.html import render_html, render_markdown
+from benchmark.leaderboard.labels import within
 from benchmark.leaderboard.standings import standings
 from benchmark.protocol import Protocol
 from benchmark.statistics import wilson
@@ -197,19 +198,34 @@ def test_scenes_that_are_one_registered_suite_are_ranked_together(publish, tmp_p
     assert head in render_markdown(board)
 
 
-def test_columns_leave_out_the_words_that_all_of_their_names_share(publish, tmp_path):
-    def columns(*tasks):
-        for task in tasks:
-            publish(task=task)
-        return render_markdown(leaderboard.build(tmp_path))
+@pytest.mark.parametrize(
+    ("suite", "names", "columns"),
+    [
+        ("a/b", ["a/b/pick_up_the_milk_now"], ["pick_up_the_milk_now"]),
+        ("a/b", ["a/b/pick_up_the_milk_now", "a/b/pick_up_the_bbq_sauce_now"], ["milk_now", "bbq_sauce_now"]),
+        ("a/b", ["a/b/milk_to_the_left", "a/b/bbq_sauce_to_the_left"], ["milk", "bbq_sauce"]),
+        ("a/b", ["a/b/turn_on_led", "a/b/turn_on_bulb"], ["turn_on_led", "turn_on_bulb"]),
+        ("a/b", ["a/b/go_to_the_door", "a/b/go_to_the_door_and_back"], ["door", "door_and_back"]),
+        (
+            "all",
+            ["a/A/turn_on_the_led", "a/B/turn_on_the_led"],
+            ["a/A/turn_on_the_led", "a/B/turn_on_the_led"],
+        ),
+        ("other tasks", ["PickCube", "go"], ["PickCube", "go"]),
+    ],
+)
+def test_names_of_columns_leave_out_the_words_that_all_share(suite, names, columns):
+    board = {"suite": suite, "tasks": names}
+    assert [within(name, board) for name in names] == columns
 
-    place = "and_place_it_in_the_basket"
-    first = f"libero/object/pick_up_the_milk_{place}"
-    assert f"| budget | pick_up_the_milk_{place} | mean |" in columns(first)
-    page = columns(f"libero/object/pick_up_the_bbq_sauce_{place}")
-    assert "| budget | bbq_sauce | milk | mean |" in page
-    page = columns("calvin/D/turn_on_led", "calvin/D/turn_on_lightbulb")
-    assert "| budget | turn_on_led | turn_on_lightbulb | mean |" in page
+
+def test_shortened_columns_say_the_name_of_their_task(publish, tmp_path):
+    names = [f"libero/object/pick_up_the_{each}_and_place_it_in_the_basket" for each in ("milk", "bbq_sauce")]
+    for name in names:
+        publish(task=name)
+    board = leaderboard.build(tmp_path)
+    assert "| budget | bbq_sauce | milk | mean |" in render_markdown(board)
+    assert all(f'title="{name}"' in render_html(board) for name in names)
 
 
 def test_tasks_without_a_family_are_ranked_in_the_largest_suite_that_has_them(publish, tmp_path):

@@ -88,6 +88,14 @@ class TestKeys:
         )  # fmt: skip
 
     @pytest.mark.parametrize(
+        ("typed", "layers"),
+        [("[q_proj,v_proj]", ["q_proj", "v_proj"]), ("'.*(q_proj|v_proj)'", ".*(q_proj|v_proj)")],
+    )
+    def test_layers_with_adapters_are_names_or_an_expression(self, typed, layers):
+        words = ("policy.path=base", "peft.method_type=LORA", f"peft.target_modules={typed}")
+        assert train(*words).peft.target_modules == layers
+
+    @pytest.mark.parametrize(
         ("words", "message"),
         [
             (["type=smolvla", "peft.method_type=LORA"], "adapts a trained policy: give policy.path"),

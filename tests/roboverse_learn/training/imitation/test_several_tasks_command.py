@@ -238,17 +238,16 @@ def test_the_recipe_of_the_papers_tasks_learns_from_the_datasets_of_the_table():
         assert SOURCES.get(own.source)(own).settings() == SOURCES.get(table.source)(table).settings()
 
 
+LIBERO_CAMERAS = ("agentview", "robot0_eye_in_hand")
+NEEDS_LIBERO = pytest.mark.skipif(find_spec("libero") is None, reason="needs the extra libero")
+
+
 @pytest.mark.parametrize(
     ("recipe", "suite", "cameras"),
     [
         ("mtact_calvin", "calvin", ("static", "gripper")),
-        pytest.param(
-            "mtact_libero",
-            "mtact_libero_short",
-            "libero_10_expert",
-            ("agentview", "robot0_eye_in_hand"),
-            marks=pytest.mark.skipif(find_spec("libero") is None, reason="needs the extra libero"),
-        ),
+        pytest.param("mtact_libero", "libero_10_expert", LIBERO_CAMERAS, marks=NEEDS_LIBERO),
+        pytest.param("mtact_libero_short", "libero_object", LIBERO_CAMERAS, marks=NEEDS_LIBERO),
     ],
 )
 def test_the_recipes_of_suites_see_all_cameras_and_every_task_in_each_batch(recipe, suite, cameras):
