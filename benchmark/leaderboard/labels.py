@@ -109,7 +109,7 @@ def breakable(task: str) -> str:
 
 
 def within(task: str, board: Mapping[str, Any]) -> str:
-    """Returns a task's name without what the other tasks of its board share with it.
+    """Returns the name of a task of a board without what all of its tasks share.
 
     That is the suite or the suite's family that it begins with, and three or more words at either end.
     ``grasp/few/milk`` is ``milk`` in ``grasp/few``, ``grasp/colours_1/milk`` is ``colours_1/milk`` in
@@ -122,11 +122,13 @@ def within(task: str, board: Mapping[str, Any]) -> str:
         start = suite if name.startswith(f"{suite}/") else suite.rpartition("/")[0]
         return name.removeprefix(f"{start}/")
 
-    own, *others = (short(name).split("_") for name in (task, *(set(board["tasks"]) - {task})))
-    if not others or any("/" in word for words in (own, *others) for word in words):
+    names = [short(name) for name in board["tasks"]]
+    if len(names) == 1 or any("/" in name for name in names):
         return short(task)
-    first = _num_shared([own, *others])
-    last = _num_shared([words[first:][::-1] for words in (own, *others)])
+    words = [name.split("_") for name in names]
+    first = _num_shared(words)
+    last = _num_shared([each[first:][::-1] for each in words])
+    own = short(task).split("_")
     return "_".join(own[first : len(own) - last])
 
 
