@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import policies
-from policies.zoo.config import LeRobotConfig, PeftConfig
+from policies.zoo.config import LeRobotConfig
 from policies.zoo.preflight import packages_of_type
 from tests.policies.examples import FEATURES, generators
 from tests.policies.zoo import test_vla as vla
@@ -77,23 +77,7 @@ def test_actions_depend_on_the_instruction_and_on_no_neighbour(trained):
 @needs("peft")
 @pytest.mark.parametrize("trained", of_types(*tiny_packages.TARGETS), indirect=True)
 def test_adapters_train_alone_and_load_again(trained, tmp_path):
-    peft = PeftConfig(method_type="LORA", r=2, target_modules=tiny_packages.TARGETS[trained.name])
-    policy = vla.create(path=str(trained.checkpoint), peft=peft)
-    before = {key: value.clone() for key, value in policy.network.state_dict().items()}
-    losses = vla.step(policy, lr=1e-2, count=3)
-    assert np.isfinite(losses).all() and len({*losses}) > 1
-    after = policy.network.state_dict()
-    changed = {key for key in before if not before[key].equal(after[key])}
-    assert changed and all("lora_" in key for key in changed)
-    seen = vla.observation(policy)
-    expected = policy.act(seen, generators(2))
-    policy.save(tmp_path / "lora")
-    shutil.move(tmp_path / "lora", tmp_path / "moved")
-    size = (tmp_path / "moved" / "adapter_model.safetensors").stat().st_size
-    assert size < (trained.checkpoint / "model.safetensors").stat().st_size / 2
-    loaded = policies.load(tmp_path / "moved")
-    np.testing.assert_array_equal(loaded.act(seen, generators(2)), expected)
-    assert not np.array_equal(expected, trained.policy.act(seen, generators(2)))
+    vla.check_adapters(trained, tiny_packages.TARGETS[trained.name], tmp_path)
 
 
 def test_fine_tuning_takes_the_statistics_of_its_dataset(trained, request):
