@@ -39,6 +39,8 @@ class MtActConfig:
         wrong_instructions: Share of the samples that training shows an instruction that is wrong in their
             scene, of another task or of none, with actions that hold still; so that a policy does nothing
             when it is asked for something else.
+        sentence_noise: Of a BERT-like model: mean length of the noise that training adds to a sentence's
+            vector, which has length 1, sampled for every sample. So near sentences mean the same.
         word_dropout: Of ``scratch``: share of the words that training hides, sampled for every sample.
         vision_backbone: ``keypoints``, a few convolutions, or three stages of a ResNet, with group
             normalization; both end in keypoints by spatial softmax, one network per camera.
@@ -71,6 +73,7 @@ class MtActConfig:
     swap_wordings: bool = False
     bank_wordings: bool = False
     wrong_instructions: float = 0.0
+    sentence_noise: float = 0.0
     word_dropout: float = 0.0
     vision_backbone: Backbone = "keypoints"
     conv_channels: tuple[int, ...] = (32, 64, 128)
@@ -104,7 +107,8 @@ class MtActConfig:
         self._check_numbers()
 
     def _check_numbers(self) -> None:
-        from_0 = ("text_layers", "n_encoder_layers", "state_noise", "word_dropout", "wrong_instructions")
+        from_0 = ("text_layers", "n_encoder_layers", "word_dropout", "wrong_instructions")
+        from_0 += ("state_noise", "sentence_noise")
         from_1 = ("num_inference_steps", "max_words", "n_keypoints", "tokens_per_camera", "n_decoder_layers")
         check_ranges(self, "policy.", from_0=from_0, from_1=from_1, error=PolicyError)
         if self.num_buckets < 2:

@@ -43,6 +43,7 @@ class MultitaskActConfig(ChunkConfig):
     text_layers: int = 1
     max_words: int = 32
     num_buckets: int = 4096
+    sentence_noise: float = 0.0
     word_dropout: float = 0.0
     vision_backbone: str = "keypoints"
     conv_channels: tuple[int, ...] = (32, 64, 128)

@@ -83,7 +83,7 @@ class MultitaskAct(nn.Module):
         cameras, dim = list(config.image_features.values()), config.dim_model
         state, action = cast(Any, config.robot_state_feature), cast(Any, config.action_feature)
         self.sentence = (
-            VectorEncoder(config.sentence_size, dim)
+            VectorEncoder(config.sentence_size, dim, config.sentence_noise)
             if config.sentence_size
             else WordsEncoder(
                 config.num_buckets,

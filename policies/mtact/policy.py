@@ -186,10 +186,11 @@ class MtActPolicy(LeRobotPolicy):
     def _words_of(self, index: Tensor) -> dict[str, Tensor]:
         """Returns what the network learns of instructions by their index (B,).
 
-        Where there are fewer of them than samples, each is read once. Hidden words are each sample's own.
+        Where there are fewer of them than samples, each is read once. Hidden words and noise are each
+        sample's own.
         """
-        language = self.model.table.language
-        if len(language) > len(index) or self.model.config.word_dropout:
+        language, config = self.model.table.language, self.model.config
+        if len(language) > len(index) or config.word_dropout or config.sentence_noise:
             return {OBS_LANGUAGE: language[index]}
         return {SENTENCE: self.model.model.sentence(language).index_select(0, index)}
 

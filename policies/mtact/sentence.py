@@ -57,14 +57,18 @@ class VectorEncoder(nn.Module):
     Args:
         size: Width E of the frozen encoder.
         dim: Width D of the sentence vector.
+        noise: Mean length of the noise that training adds.
     """
 
-    def __init__(self, size: int, dim: int) -> None:
+    def __init__(self, size: int, dim: int, noise: float = 0.0) -> None:
         super().__init__()
+        self.noise = noise
         self.layers = nn.Sequential(
             nn.Linear(size, dim), nn.ReLU(inplace=True), nn.Linear(dim, dim), nn.LayerNorm(dim)
         )
 
     def forward(self, vectors: Tensor) -> Tensor:
         """Returns the vectors (B, D) of vectors (B, E)."""
+        if self.training and self.noise:
+            vectors = vectors + self.noise / vectors.shape[1] ** 0.5 * torch.randn_like(vectors)
         return self.layers(vectors)

@@ -48,7 +48,7 @@ def wrap(model: Any, config: PeftConfig, base: str) -> Any:
         raise PolicyError(
             f"peft.* does not fit LeRobot's {model.name}: {error} Name the layers with "
             "peft.target_modules, as in "
-            r"peft.target_modules='.*\.(q_proj|v_proj)' or peft.target_modules=all-linear."
+            "'peft.target_modules=[q_proj,v_proj]' or peft.target_modules=all-linear."
         ) from error
     wrapped.peft_config[wrapped.active_adapter].revision = revision or None
     return wrapped

@@ -32,6 +32,8 @@ from policies.zoo.weights import load_tensors, read_tensors
 _NORMALIZERS = ("normalizer_processor", "molmoact2_masked_normalizer")
 _UNNORMALIZERS = ("unnormalizer_processor", "molmoact2_masked_unnormalizer")
 _ACTION_TOKENIZER, _PACK_INPUTS = "action_tokenizer_processor", "molmoact2_pack_inputs"
+_KEEP_STATISTICS = ("groot",)
+"""Types whose own steps normalize: what they saved replaces the statistics that LeRobot is given."""
 _RENAME, _DEVICE = "rename_observations_processor", "device_processor"
 
 
@@ -198,12 +200,27 @@ def make_processors(
                 "with lerobot's migrate_policy_normalization, or fine-tune it with policy.path."
             )
         with _readable(what), tokenizer_from(config, tokenizer):
-            processors = make_pre_post_processors(
-                config, dataset_stats={key: dict(each) for key, each in stats.items()}
-            )
+            processors = _new_processors(config, stats)
         set_rename_map(processors[0], rename_map)
         return processors
-    return _read_processors(config, folder, stats, assets, rename_map, device, tokenizer)
+    processors = _read_processors(config, folder, stats, assets, rename_map, device, tokenizer)
+    if config.type in _KEEP_STATISTICS and stats is not None:
+        with _readable(what), tokenizer_from(config, tokenizer):
+            _renew_statistics(processors, _new_processors(config, stats))
+    return processors
+
+
+def _new_processors(config: Any, stats: Mapping[str, Mapping[str, Tensor]]) -> Processors:
+    return make_pre_post_processors(config, dataset_stats={key: dict(each) for key, each in stats.items()})
+
+
+def _renew_statistics(processors: Processors, made: Processors) -> None:
+    """Gives steps the statistics and the width of actions of steps that were made from a dataset."""
+    own = {type(step): step for pipeline in made for step in pipeline.steps}
+    for step in (step for pipeline in processors for step in pipeline.steps):
+        for name in ("stats", "env_action_dim"):
+            if hasattr(step, name) and type(step) in own:
+                setattr(step, name, getattr(own[type(step)], name))
 
 
 def _read_processors(

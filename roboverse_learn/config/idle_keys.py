@@ -8,6 +8,7 @@ from roboverse_learn.config.command_line_keys import at
 
 _OF_PEFT = "policy.peft."
 _METHOD = f"{_OF_PEFT}method_type"
+_OF_SCRATCH = [f"policy.{name}" for name in ("text_layers", "max_words", "num_buckets", "word_dropout")]
 
 
 def check_idle_keys(values: Mapping[str, Any], keys: Sequence[str]) -> None:
@@ -25,6 +26,11 @@ def check_idle_keys(values: Mapping[str, Any], keys: Sequence[str]) -> None:
     waiting: dict[str, str] = {}
     if at(values, "policy.head") == "regression":
         waiting["policy.num_inference_steps"] = "policy.head=flow"
+    encoder = at(values, "policy.text_encoder")
+    if encoder == "scratch":
+        waiting["policy.sentence_noise"] = "policy.text_encoder=<folder>"
+    elif encoder:
+        waiting |= dict.fromkeys(_OF_SCRATCH, "policy.text_encoder=scratch")
     if not at(values, _METHOD):
         of_peft = [key for key in keys if key.startswith(_OF_PEFT) and key != _METHOD]
         waiting |= dict.fromkeys(of_peft, "peft.method_type=LORA")

@@ -65,9 +65,15 @@ def pushed(state: State, block: str, metres: float) -> Tensor:
     """A block moved along x by more than a distance; what it touched it still touches, the robot aside."""
     moved = state.objects[block].pos[:, 0] - memory.start_block(state, _colour(block)).pos[:, 0]
     start = memory.start_touches(state, _colour(block)) & ~ROBOT_BIT
-    now = memory.touches(state, _colour(block)) & ~ROBOT_BIT
     far = moved > metres if metres > 0 else moved < metres
-    return far & (start > 0) & ((start & ~now) == 0)
+    still = (start & ~memory.touches(state, _colour(block))) == 0
+    return far & still & _may_be_pushed(state, block, metres)
+
+
+def _may_be_pushed(state: State, block: str, metres: float) -> Tensor:
+    """Something other than the robot touched the block at the start."""
+    del metres
+    return (memory.start_touches(state, _colour(block)) & ~ROBOT_BIT) > 0
 
 
 def joint_moved(state: State, joint: str, metres: float) -> Tensor:
@@ -150,20 +156,28 @@ def _began(state: State) -> Tensor:
 
 def switched(state: State, light: str, before: float, after: float) -> Tensor:
     """A light was in one state and is in another."""
-    began, now = memory.led(state) if light == "led" else memory.bulb(state)
-    return (began == bool(before)) & (now == bool(after))
+    _, now = _light(state, light)
+    return _may_be_switched(state, light, before, after) & (now == bool(after))
+
+
+def _may_be_switched(state: State, light: str, before: float, after: float) -> Tensor:
+    del after
+    return _light(state, light)[0] == bool(before)
+
+
+def _light(state: State, light: str) -> tuple[Tensor, Tensor]:
+    """Returns whether a light was lit at the start, and whether it is now."""
+    return memory.led(state) if light == "led" else memory.bulb(state)
 
 
 _MAY_BE_MET: dict[str, Callable[..., Tensor]] = {
-    "push": lambda state, block, _: (memory.start_touches(state, _colour(block)) & ~ROBOT_BIT) > 0,
+    "push": _may_be_pushed,
     "lift": _may_be_lifted,
     "place": lambda state, _: _one_in_hand(state).any(-1),
     "push_into": lambda state, source, _: _lay_alone(state, source).any(-1),
     "stack": lambda state: _touched_no_block(_began(state)).any(-1),
     "unstack": lambda state: _touched_blocks_alone(_began(state)).any(-1),
-    "light": lambda state, light, before, _: (
-        (memory.led(state) if light == "led" else memory.bulb(state))[0] == bool(before)
-    ),
+    "light": _may_be_switched,
 }
 
 _RULES: dict[str, Callable[..., Tensor]] = {

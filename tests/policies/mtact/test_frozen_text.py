@@ -13,6 +13,8 @@ import policies
 from envs.core.errors import MissingExtraError, PolicyError
 from envs.core.extras import install_command
 from policies.mtact.frozen_text import FrozenTextEncoder
+from policies.mtact.modeling_multitask_act import SENTENCE
+from policies.mtact.sentence import VectorEncoder
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.learners import learner_of
 from tests.policies.mtact.test_mtact import CONFIG, frames, loss_of, make, seen, with_film
@@ -102,6 +104,27 @@ def test_the_encoder_is_frozen_and_no_part_of_the_trained_weights(folder):
     names = {name for name, _ in policy.model.named_parameters()}
     assert any(name.startswith("model.sentence.layers") for name in names)
     assert not any("bert" in name or "embeddings" in name for name in names)
+
+
+def test_noise_of_sentences_changes_the_loss_of_each_sample_and_no_action(folder):
+    config = replace(CONFIG, text_encoder=str(folder))
+    noisy, plain = (with_film(make(replace(config, sentence_noise=noise))) for noise in (1.0, 0.0))
+    for policy in (noisy, plain):
+        policy.begin_training()
+    assert loss_of(noisy, frames()) != loss_of(plain, frames())
+    index = torch.tensor([2, 2, 2, 2])  # fewer instructions than samples: without noise each is read once
+    assert SENTENCE in plain._words_of(index)
+    rows = noisy.model.model.sentence(noisy._words_of(index)["observation.language"])
+    assert len({tuple(row.tolist()) for row in rows}) == 4
+    text = "lift the red cube"
+    np.testing.assert_array_equal(noisy.act(seen(noisy, text)), plain.act(seen(plain, text)))
+
+
+def test_noise_of_sentences_has_the_length_that_is_set():
+    encoder = VectorEncoder(400, 8, noise=0.5)
+    encoder.layers = torch.nn.Sequential()
+    added = encoder(torch.zeros(50, 400)).norm(dim=1)
+    assert added.mean().item() == pytest.approx(0.5, rel=0.03)
 
 
 def test_a_damaged_encoder_is_an_error(folder):

@@ -367,6 +367,7 @@ def test_the_loss_is_one_graph_of_static_shapes(head):
         ({"num_inference_steps": 0}, r"policy\.num_inference_steps must be at least 1, given 0"),
         ({"num_buckets": 1}, r"policy\.num_buckets must be at least 2, given 1"),
         ({"word_dropout": 1.0}, r"policy\.word_dropout must be below 1"),
+        ({"sentence_noise": -1.0}, r"policy\.sentence_noise must be 0 or more, given -1"),
         ({"word_dropout": -0.1}, r"policy\.word_dropout must be 0 or more, given -0\.1"),
         ({"state_noise": float("nan")}, r"policy\.state_noise must be 0 or more, given nan"),
         ({"text_encoder": ""}, r"policy\.text_encoder must be scratch or the folder"),

@@ -80,10 +80,7 @@ def test_adapters_train_alone_and_load_again(trained, tmp_path):
     vla.check_adapters(trained, tiny_packages.TARGETS[trained.name], tmp_path)
 
 
-def test_fine_tuning_takes_the_statistics_of_its_dataset(trained, request):
-    if trained.name == "groot":
-        reason = "GR00T's own steps keep the statistics of their checkpoint, as in LeRobot 0.6.1"
-        request.applymarker(pytest.mark.xfail(strict=True, raises=AssertionError, reason=reason))
+def test_fine_tuning_takes_the_statistics_of_its_dataset(trained):
     given = vla.with_quantiles()
     given["action"] = {name: value + 5 for name, value in given["action"].items()}
     config = LeRobotConfig(path=str(trained.checkpoint))
@@ -92,6 +89,15 @@ def test_fine_tuning_takes_the_statistics_of_its_dataset(trained, request):
     pipelines = [policy.preprocessor, policy.postprocessor]
     for before, after in zip(map(statistics, own), map(statistics, pipelines), strict=True):
         np.testing.assert_allclose(after, before + 5, atol=1e-6)
+
+
+@pytest.mark.parametrize("trained", of_types("groot"), indirect=True)
+def test_fine_tuned_actions_have_the_width_of_the_dataset(trained):
+    features, given = dict(FEATURES), vla.with_quantiles()
+    features["action"] = FEATURES["action"] | {"shape": (5,)}
+    given["action"] = {name: value[..., :5] for name, value in given["action"].items()}
+    policy = policies.create("lerobot", features, given, LeRobotConfig(path=str(trained.checkpoint)))
+    assert policy.act(vla.observation(policy), generators(2)).shape[-1] == 5
 
 
 def statistics(pipeline) -> np.ndarray:

@@ -163,6 +163,7 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     beside["policy.bank_wordings"] = "policy.swap_wordings=true"
     beside["policy.peft.r"] = "policy.path=base peft.method_type=LORA"
     beside["policy.num_inference_steps"] = "policy.head=flow" if policy == "mtact" else ""
+    beside["policy.sentence_noise"] = "policy.text_encoder=."
     words += beside.get(key, "").split()
     augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
     words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []

@@ -20,6 +20,22 @@ def test_steps_of_sampling_need_a_head_that_samples():
         assert config.policy.num_inference_steps == 5
 
 
+@pytest.mark.parametrize(
+    ("encoder", "key", "needs"),
+    [
+        ("scratch", "sentence_noise=1", "<folder>"),
+        (".", "word_dropout=0.1", "scratch"),
+        (".", "max_words=9", "scratch"),
+        (".", "text_layers=2", "scratch"),
+        (".", "num_buckets=99", "scratch"),
+    ],
+)
+def test_settings_of_one_text_encoder_are_refused_beside_the_other(encoder, key, needs):
+    said = rf"{key.partition('=')[0]} alone has no effect: add policy\.text_encoder={needs}, or leave"
+    with pytest.raises(ConfigError, match=said):
+        compose("train", ["policy=mtact", f"text_encoder={encoder}", f"policy.{key}"])
+
+
 @pytest.mark.parametrize("policy", ["lerobot", "octo"])
 def test_settings_of_adapters_need_a_method(policy: str):
     words = [f"policy={policy}", "policy.path=base", "peft.r=16"]
