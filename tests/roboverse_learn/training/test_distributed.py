@@ -53,11 +53,18 @@ from tests.roboverse_learn.training.test_distributed import run
 run(Path(sys.argv[1]), SignalAt(int(sys.argv[2])) if len(sys.argv) > 2 else None)
 """
 TIMED_RANK = """
+import itertools
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from safetensors.torch import save_file
+import roboverse_learn.training.imitation.train
 from tests.roboverse_learn.training.test_distributed import CONFIG, run
+# Each look at a clock takes 8 ms of it in the first process, 12 ms in the second, also on a busy machine.
+looks, look_s = itertools.count(), 0.008 + 0.004 * int(os.environ["RANK"])
+clock = SimpleNamespace(perf_counter=lambda: next(looks) * look_s)
+roboverse_learn.training.imitation.train.time = clock
 timed = replace(CONFIG, steps=100_000, time_limit_s=1.5, save_every=100_000)
 policy = run(Path(sys.argv[1]), config=timed)
 save_file(policy.model.state_dict(), Path(sys.argv[1], f"weights_{os.environ['RANK']}.safetensors"))
