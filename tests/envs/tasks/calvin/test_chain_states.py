@@ -8,7 +8,7 @@ from envs.core.errors import ConfigError
 from envs.experts.actor import expert_episodes
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
-from envs.tasks.calvin import memory
+from envs.tasks.calvin import chain_states, memory
 from envs.tasks.calvin.catalogue import BLOCKS, task_facts
 from envs.tasks.calvin.chain_states import FILE, ChainStates, states_before
 from envs.tasks.calvin.memory import ANY_BLOCK, PART_BITS, ROBOT_BIT
@@ -48,15 +48,26 @@ def test_the_symbols_of_many_recorded_states_let_every_task_be_done(task):
 )
 def test_states_whose_contacts_rule_a_task_out_are_not_before_it(recorded, task, touches, left_out):
     _, rows = states_before(task)
-    by_symbols = [row for row, values in enumerate(recorded.symbols.tolist()) if after(read(values), task)]
+    symbols = map(chain_states._symbols, recorded.symbols.tolist())
+    by_symbols = [row for row, before in enumerate(symbols) if after(before, task)]
     assert sorted(set(by_symbols) - set(rows)) == [
         row for row in by_symbols if not touches(recorded.touches[[row]].astype(int))[0]
     ]
     assert len(by_symbols) - len(rows) == left_out
 
 
-def read(values):
-    return {key: int(text) if text.isdigit() else text for key, text in zip(KEYS, values, strict=True)}
+def test_recorded_text_becomes_the_symbols_that_the_rules_of_tasks_read():
+    text = ["1", "0", "left", "open", "grasped", "drawer", "slider_left", "1"]
+    assert chain_states._symbols(text) == {
+        "led": 1,
+        "lightbulb": 0,
+        "slider": "left",
+        "drawer": "open",
+        "red_block": "grasped",
+        "blue_block": "drawer",
+        "pink_block": "slider_left",
+        "grasped": 1,
+    }
 
 
 def test_the_recorded_scene_is_what_the_symbols_say(recorded):
