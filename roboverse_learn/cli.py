@@ -268,6 +268,9 @@ def _run(command: str, config: Any) -> int:
     """Calls a command and prints what it returns; returns the exit code."""
     report = _function(command)(config)
     _show(report)
+    if warning := getattr(report, "warning", ""):
+        _flush_output()  # the report comes before the warning
+        print(f"warning: {warning}", file=sys.stderr)
     if failure := getattr(report, "failure", ""):
         _flush_output()  # the report comes before the error
         return _fail(failure)

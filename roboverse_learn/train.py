@@ -13,6 +13,7 @@ if __name__ == "__main__":  # as a script: this folder's `data` or `run` must no
 
 import logging
 import os
+import shlex
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -233,8 +234,10 @@ def _show(config: TrainRunConfig, run: "RunFolder", evaluations: list[Evaluation
             shown = usual_of_each_level(evaluations[0].videos, evaluations[0].result.cells())
             gif = write_gif(run.folder / "policy.gif", shown)
             return {"gif": gif, "board": write_leaderboard_of(Path(config.results_dir), evaluations)}
-    except ResultError as error:  # the run is whole, whatever other files among the results hold
-        return {"gif": gif, "board": {}, "board_failure": str(error)}
+    except (ConfigError, ResultError) as error:  # the run is whole, whatever other files of the folder hold
+        after = f"roboverse leaderboard results_dir={shlex.quote(config.results_dir)}"
+        said = f"{error}\nThis run is complete, without a leaderboard. Mend the above, then run: {after}"
+        return {"gif": gif, "board": {}, "board_failure": said}
 
 
 def _train(

@@ -39,7 +39,7 @@ class TrainedRun:
         trained: What training did, its checkpoint among it.
         evaluations: One per task; none where the policy cannot act in the task.
         board: Files of the leaderboard; none where it could not be written.
-        board_failure: Why it could not, or empty.
+        board_failure: Why it could not and what to do then, or empty.
         gif: Moving image of the policy, or None.
         note: Why nothing was evaluated, or empty.
         stages: Facts of each stage, by name.

@@ -36,8 +36,24 @@ class UnfinishedReport(Group):
         self.failure = failure
 
 
+class WarnedReport(Group):
+    """A report of work that is done, and a warning.
+
+    Attributes:
+        warning: What the user should know; the command's exit code is 0 all the same.
+    """
+
+    def __init__(self, report: Group, warning: str) -> None:
+        super().__init__(report)
+        self.warning = warning
+
+
 def train_report(run: "TrainedRun") -> Group:
-    """The whole loop: what each stage did, the table of success, and where everything is."""
+    """The whole loop: what each stage did, the table of success, and where everything is.
+
+    That no leaderboard could be written is a warning, so that one damaged file of another run among the
+    results does not make every run of a sweep a failure.
+    """
     trained, dataset, stages = run.trained, run.dataset, run.stages
     loss = "" if trained.loss is None else f", loss {trained.loss:.4f}"
     times = ", ".join(
@@ -59,7 +75,7 @@ def train_report(run: "TrainedRun") -> Group:
         Text(f"Done in {clock(run.seconds)}: {times}."),
         listed_paths({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
     )
-    return UnfinishedReport(report, run.board_failure) if run.board_failure else report
+    return WarnedReport(report, run.board_failure) if run.board_failure else report
 
 
 def collection_report(dataset: "CollectionSummary") -> Group:

@@ -233,15 +233,29 @@ def test_report_has_the_expert_rate_and_times(evaluation: Evaluation) -> None:
     assert page == ["Open", "in", "a", "browser", "results/leaderboard.html"]
 
 
-def test_a_run_whose_leaderboard_cannot_be_written_has_all_the_rest(
+@pytest.mark.parametrize(
+    ("damaged", "content", "wrong"),
+    [
+        ("v2/cut.json", '{"schema_version": 3', "is not a whole JSON file"),
+        ("v2/later.json", '{"schema_version": 9, "cells": [], "records": []}', "has schema version 9"),
+        ("v2/notes.json", "{}", "is not a results file"),
+        ("suites/paper/act/cut.json", "{", "is no result of a suite"),
+        ("calvin_chains.json", "{", "has no results of chains"),
+    ],
+)
+def test_a_run_whose_leaderboard_cannot_be_written_is_complete_with_a_warning(
+    damaged: str,
+    content: str,
+    wrong: str,
     evaluation: Evaluation,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("results/v2").mkdir(parents=True)
-    Path("results/v2/cut.json").write_text('{"schema_version": 3')
+    file = Path("results", damaged)
+    file.parent.mkdir(parents=True)
+    file.write_text(content)
     with RunFolder.open(compose("train", ["policy=act", "device=cpu"]), ["roboverse", "train"]) as opened:
         shown = command._show(opened.config, opened, [dataclasses.replace(evaluation, videos=())])
         assert opened.stages["leaderboard"]["status"] == "stopped"
@@ -254,11 +268,22 @@ def test_a_run_whose_leaderboard_cannot_be_written_has_all_the_rest(
         seconds=60.0, **shown,
     )  # fmt: skip
     monkeypatch.setattr(command, "train_run", lambda config: run)
-    assert cli.main(["train", "policy=act"]) == 2
+    assert cli.main(["train", "policy=act"]) == 0, "else a sweep counts every run as failed"
     said = capsys.readouterr()
     for words in ("PickCube, act, trained on", str(run.folder), "runs/x/last", str(evaluation.path)):
         assert words in said.out
-    assert "error: No leaderboard was written" in said.err and "v2/cut.json" in said.err
+    warning, *_, after = said.err[said.err.index("warning: ") :].splitlines()
+    assert ("No leaderboard was written" in warning) is (file.parent.name == "v2")
+    assert f"{file}" in said.err and wrong in said.err and "error:" not in said.err
+    assert after.endswith(
+        "without a leaderboard. Mend the above, then run: roboverse leaderboard results_dir=results"
+    )
+    assert cli.main(["leaderboard"]) == 2
+    assert wrong in capsys.readouterr().err
+    file.unlink()
+    assert (
+        cli.main(after.split("run: roboverse ")[1].split()) == 0 and Path("results/leaderboard.md").is_file()
+    )
 
 
 def test_the_report_of_a_collection() -> None:
