@@ -47,7 +47,7 @@ from roboverse_learn.config.demonstration_keys import check_demonstration_keys
 from roboverse_learn.config.idle_keys import check_idle_keys
 from roboverse_learn.config.path_keys import check_path
 from roboverse_learn.config.recipes import check_beside, read_recipe
-from roboverse_learn.config.recorded_settings import recorded_values
+from roboverse_learn.config.recorded_settings import values_of_dataset
 from roboverse_learn.config.schema import DEFAULT_PRESETS, NAMES_A_POLICY
 from roboverse_learn.config.serialize import default_values, env_keys, from_values, task_names, to_values
 from roboverse_learn.config.suite_check import check_keys_of_chains, check_suite
@@ -108,7 +108,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     _check_paths(keys, settings, defaults)
     check_demonstration_keys(command, policy, keys)
     check_beside(recipe or str(saved.get("recipe", "")), chosen, policy, keys)
-    recorded = _recorded(command, settings)
+    recorded = values_of_dataset(command, {key: value for _, key, value in settings})
     task = typed.get("task") or recorded.get("task") or defaults.get("task", "")
     task_preset = _task_preset(str(task), preset, policy)
     values = merged(copy.deepcopy(_composed(command, policy, preset, task_preset)), recorded)
@@ -173,16 +173,6 @@ def _split_tasks(command: str, values: dict[str, Any], *, names_others: bool) ->
             "policy=mtact learns several by their instructions; or give one task."
         )
     values["policy"]["tasks"] = [*others, *(values["policy"]["tasks"] if names_others else ())]
-
-
-def _recorded(command: str, settings: Sequence[tuple[str, str, Any]]) -> dict[str, Any]:
-    """Returns what ``train`` takes from the dataset that it is given; a suite names its tasks itself."""
-    said = {key: value for _, key, value in settings}
-    if command != "train" or not said.get("dataset") or said.get("suite"):
-        return {}
-    recorded = recorded_values(str(said["dataset"]), task_names(said["task"]) if said.get("task") else [])
-    of_another = {"level": "only", "only": "level"}  # a scene varies by one of them
-    return {key: value for key, value in recorded.items() if of_another.get(key) not in said}
 
 
 def _name_task_and_cameras(command: str, values: dict[str, Any], typed: Mapping[str, Any]) -> None:

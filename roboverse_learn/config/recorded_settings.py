@@ -1,15 +1,39 @@
-"""Settings that ``train dataset=`` takes from the dataset where nobody gives others."""
+"""Settings that a command takes from the dataset that it is given, where nobody gives others."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from roboverse_learn.config.serialize import env_keys
+from roboverse_learn.config.command_line_keys import FROM
+from roboverse_learn.config.serialize import env_keys, task_names
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
 from roboverse_learn.data.dataset.schema import INFO_PATH
 
 _SCENE = ("task", "task_kwargs", "robot", "scenario")
 """Fields of the environment that episodes of a merged or edited dataset still name."""
+
+_IMAGES = ("cameras", "image_size")
+
+
+def values_of_dataset(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what a command takes from its dataset.
+
+    Args:
+        command: Its name. ``train dataset=`` takes the scene and the images, but for a suite, which names its
+            tasks itself. ``collect from=`` takes the images, so that what is made of demonstrations can be
+            merged with them; a preset that is given has images of its own.
+        given: What is typed, by key.
+    """
+    if command == "collect" and "preset" not in given:
+        origin = str(given.get("from") or given.get(FROM) or "")
+        recorded = recorded_values(origin, []) if origin else {}
+        return {key: recorded[key] for key in _IMAGES if key in recorded}
+    if command != "train" or not given.get("dataset") or given.get("suite"):
+        return {}
+    tasks = task_names(given["task"]) if given.get("task") else []
+    of_another = {"level": "only", "only": "level"}  # a scene varies by one of them
+    recorded = recorded_values(str(given["dataset"]), tasks)
+    return {key: value for key, value in recorded.items() if of_another.get(key) not in given}
 
 
 def recorded_values(folder: str, tasks: Sequence[str]) -> dict[str, Any]:

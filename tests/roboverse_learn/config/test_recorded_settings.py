@@ -1,4 +1,4 @@
-"""``train dataset=``: what nobody gives is taken from the dataset."""
+"""``train dataset=`` and ``collect from=``: what nobody gives is taken from the dataset."""
 
 from pathlib import Path
 
@@ -125,3 +125,23 @@ def test_a_run_that_goes_on_keeps_its_own_settings(write, tmp_path):
         pass
     assert first.env.image_size == 48
     assert compose("train", [run, dataset]).env == first.env
+
+
+@pytest.mark.parametrize("source", ["augment", "retarget", "rerender"])
+def test_what_is_made_of_demonstrations_has_their_images_and_no_other_setting_of_theirs(write, source):
+    settings = SETTINGS | {"cameras": ["front", "wrist"], "scenario": {}}
+    origin = write({}, settings=settings).replace("dataset=", "from=")
+    words = [f"source={source}", origin, "task=StackCube"]
+    made = compose("collect", words).env
+    assert (made.cameras, made.image_size) == (("front", "wrist"), 48)
+    assert (made.robot, made.level, made.renderer) == ("", 0, compose("collect", []).env.renderer)
+    other = compose("collect", [*words, "cameras=[front]", "image_size=32"]).env
+    assert (other.cameras, other.image_size) == (("front",), 32)
+    of_preset = compose("collect", ["task=StackCube", "preset=quick"]).env
+    chosen = compose("collect", [*words, "preset=quick"]).env
+    assert (chosen.cameras, chosen.image_size) == (of_preset.cameras, of_preset.image_size)
+
+
+def test_a_program_names_the_demonstrations_by_the_fields_name(write):
+    given = {"from_dataset": write({}, settings=SETTINGS).removeprefix("dataset=")}
+    assert compose("collect", ["source=augment", "task=StackCube"], given).env.image_size == 48
