@@ -1,12 +1,14 @@
-"""A checkpoint of any LeRobot policy in a task of ours: its cameras and widths, checked first."""
+"""A checkpoint in a task that it was perhaps not made for: its cameras, sizes and widths, checked first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import policies
 from envs.core.errors import ConfigError
 from envs.spec import EnvSpec
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 
 ANY_SIZE = ("lerobot", "openvla", "octo")
 """Policies that resize what they see."""
@@ -67,14 +69,17 @@ def seen_env(checkpoint: Path, given: Mapping[str, Any], rename_map: Mapping[str
 def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) -> None:
     """Checks that cameras, state and actions of a policy are those of the task, before it is loaded.
 
+    An agent of reinforcement learning sees the task itself, which is checked by its name.
+
     Args:
         checkpoint: A pretrained folder.
         env: The environment of the evaluation.
         rename_map: Camera of the task to camera of the policy.
 
     Raises:
-        ConfigError: if the state or the actions are of another width.
-        PolicyError: if a camera that the policy needs is not there, or two become the same one.
+        ConfigError: if the state, the actions or the images are of another size, or a camera that a policy of
+            ours sees is not there.
+        PolicyError: if a camera that another policy needs is not there, or two become the same one.
         UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     from policies.checkpoint import CONFIG, policy_label, policy_type, read_json, seen_cameras
@@ -82,17 +87,48 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
     from roboverse_learn.commands.dataset_layout import task_layout
     from roboverse_learn.config.schema import CollectConfig
 
-    if policy_type(checkpoint) not in ANY_SIZE:
+    content, kind = read_json(checkpoint / CONFIG), policy_type(checkpoint)
+    if kind in ANY_SIZE:
+        present = task_cameras(env)
+        cameras = env.cameras or present[:1]
+        _check_names(checkpoint, env.task, (*present, *cameras), cameras, rename_map)
+        if kind == "lerobot":
+            wanted = list(seen_cameras(checkpoint, rename_map))
+            missing_cameras(policy_label(checkpoint), wanted, cameras, cameras, env.task)
+    elif "input_features" not in content:
         return
-    present = task_cameras(env)
-    cameras = env.cameras or present[:1]
-    _check_names(checkpoint, env.task, (*present, *cameras), cameras, rename_map)
-    if policy_type(checkpoint) == "lerobot":
-        wanted = list(seen_cameras(checkpoint, rename_map))
-        missing_cameras(policy_label(checkpoint), wanted, cameras, cameras, env.task)
-    content = read_json(checkpoint / CONFIG)
     features, _, robot = task_layout(CollectConfig(env=replace(env, scenario={})))
-    task = env.task
+    if kind not in ANY_SIZE:
+        _check_images(content["input_features"], features, env)
+    if not getattr(policies.config_class(kind), "pads_tasks", False):
+        _check_widths(kind, content, features, env.task, robot)
+
+
+def _check_images(own: Mapping[str, Any], features: Mapping[str, Any], env: EnvSpec) -> None:
+    """Checks that the images of a policy that resizes none are those of the environment."""
+    learned = {key: list(each["shape"])[-2:] for key, each in own.items() if key.startswith(IMAGE_PREFIX)}
+    given = {key: features[key]["shape"][:2] for key in learned if key in features}
+    if learned == given:
+        return
+    names = [key.removeprefix(IMAGE_PREFIX) for key in learned]
+    sizes = sorted({str(side) for shape in learned.values() for side in shape})
+    raise ConfigError(
+        f"The policy was trained with cameras=[{','.join(names)}] image_size={' and '.join(sizes)}, and the "
+        f"evaluation has cameras=[{','.join(env.cameras or task_cameras(env)[:1])}] "
+        f"image_size={env.image_size}. Leave both out to evaluate it as it was trained, or train one with "
+        "these."
+    )
+
+
+def _check_widths(
+    kind: str, content: Mapping[str, Any], features: Mapping[str, Any], task: str, robot: str
+) -> None:
+    """Checks that a policy's state and actions have as many numbers as those of the task."""
+    if kind in ANY_SIZE:
+        command = "roboverse train policy=lerobot policy.path=<checkpoint>"
+        again = f"fine-tune it on demonstrations of {task}: {command}"
+    else:
+        again = f"train one: roboverse train policy={kind}"
     for section, key, what in (
         ("output_features", "action", "actions have"),
         ("input_features", "observation.state", "state has"),
@@ -102,11 +138,8 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
         if shape and int(shape[0]) != len(names):
             raise ConfigError(
                 f"The policy's {what} {shape[0]} numbers, and in {task} it is {len(names)} "
-                f"({', '.join(names)}) of "
-                f"robot {robot}. Evaluate it in a task and with a robot that it was trained for, or "
-                "fine-tune it on "
-                f"demonstrations of {task}: roboverse train policy=lerobot policy.path=<checkpoint> "
-                f"task={task}"
+                f"({', '.join(names)}) of robot {robot}. Evaluate it in a task, with a robot and with "
+                f"task_kwargs.* that it was trained for, or {again} task={task}"
             )
 
 

@@ -394,3 +394,58 @@ def test_a_run_of_reinforcement_learning_has_no_validation_split(
     to_test(opened.folder, "splits=[train]")
     with pytest.raises(ConfigError, match="policy=ppo learns from every episode of the train split"):
         to_test(opened.folder, "splits=[validation]")
+
+
+def check_fits(checkpoint: Path, *words: str) -> None:
+    from roboverse_learn.commands.foreign_checkpoint import check_fits
+
+    tested = to_test(checkpoint, *words)
+    assert tested.checkpoint is not None
+    check_fits(tested.checkpoint, tested.env, {})
+
+
+@pytest.fixture
+def whole(run: Path) -> Path:
+    """Returns a run whose policy sees two cameras of 96 pixels, and has actions of nine joints."""
+    image = {"type": "VISUAL", "shape": [3, 96, 96]}
+    features = {f"observation.images.{name}": image for name in ("front", "wrist")}
+    features["observation.state"] = {"type": "STATE", "shape": [9]}
+    config = {"type": "act", "input_features": features, "output_features": {"action": {"shape": [9]}}}
+    for path in run.glob(f"checkpoints/*/pretrained_model/{CONFIG}"):
+        path.write_text(json.dumps(config))
+    return run
+
+
+def test_a_policy_fits_the_environment_that_it_was_trained_in_also_with_further_cameras(whole):
+    check_fits(whole)
+    check_fits(whole, "task_kwargs.variant=lift")
+    check_fits(whole, "robot=iiwa")  # an arm of as many joints, which a warning is about
+
+
+@pytest.mark.parametrize("words", [["image_size=128"], ["cameras=[front]"], ["cameras=[wrist]"]])
+def test_images_of_other_cameras_or_sizes_are_refused_with_those_of_training(whole, words):
+    said = r"trained with cameras=\[front,wrist\] image_size=96, and the evaluation has cameras=\["
+    given = r"image_size=(96|128)\. Leave both out"
+    with pytest.raises(ConfigError, match=rf"{said}.*{given}"):
+        check_fits(whole, *words)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["robot=ur5e"], r"actions have 9 numbers, and in PickCube it is 8 \(.* of robot ur5e"),
+        (["task_kwargs.action_space=hand"], r"actions have 9 numbers, and in PickCube it is \d+ \(.*franka"),
+    ],
+)
+def test_another_number_of_joints_or_another_kind_of_action_is_refused(whole, words, said):
+    with pytest.raises(ConfigError, match=rf"{said}.*or train one: roboverse train policy=act task=PickCube"):
+        check_fits(whole, *words)
+
+
+def test_a_policy_that_pads_its_tasks_fits_a_shorter_state(whole):
+    path = whole / "checkpoints/last/pretrained_model" / CONFIG
+    config = json.loads(path.read_text())
+    config["type"] = "multitask_act"
+    config["input_features"]["observation.state"]["shape"] = [12]
+    path.write_text(json.dumps(config))
+    check_fits(whole)
