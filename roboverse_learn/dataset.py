@@ -110,6 +110,7 @@ def dataset(words: Sequence[str]) -> DatasetReport:
 
 def _report(info: "DatasetInfo", note: str) -> DatasetReport:
     """Describes a dataset; one whose videos are damaged has no hash."""
+    from roboverse_learn.commands.dataset_contents import contents
     from roboverse_learn.data import dataset_hash
     from roboverse_learn.data.dataset.images import damaged_videos
 
@@ -117,8 +118,8 @@ def _report(info: "DatasetInfo", note: str) -> DatasetReport:
     lines = [
         f"{info.root}: {info.num_episodes} episodes, {info.num_frames} frames at {info.fps} Hz, "
         + (_count(damaged) if damaged else f"hash {dataset_hash(info.root)[:16]}"),
-        f"tasks: {', '.join(info.tasks)}",
-        f"features: {', '.join(info.features)}{note}",
+        *contents(info),
+        *([note] if note else []),
         *(f"damaged: {error}" for error in damaged),
     ]
     return DatasetReport("\n".join(lines), ok=not damaged)
@@ -144,8 +145,8 @@ def _num_episodes(folder: str) -> int:
 def _added(given: int, before: int, after: int) -> str:
     """Says how many episodes were appended to a dataset, and how many it had; empty for a new one of all."""
     added = after - before
-    note = f"\nadded: {added} episodes to the {before} that were there" if before else ""
+    notes = [f"added: {added} episodes to the {before} that were there"] if before else []
     if added < given:
         again = f"{given - added} of the {given} episodes given"
-        note += f"\nleft out: {again}, which are there already: each is kept once"
-    return note
+        notes.append(f"left out: {again}, which are there already: each is kept once")
+    return "\n".join(notes)
