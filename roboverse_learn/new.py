@@ -123,8 +123,9 @@ def _next_steps(config: NewConfig, folder: Path, files: list[str]) -> str:
     trained = f"policy=act task={task} preset=quick"
     if config.kind == "policy":  # a small network learns at ten times the default rate
         trained = f"policy={config.name} task=PickCube preset=quick train.lr=1e-3 cameras=[all]"
+    elsewhere = str(folder) != config.module
     commands = [
-        *([f"cd {folder}"] if str(folder) != config.module else []),
+        *([f"cd {folder}"] if elsewhere else []),
         f"roboverse check {config.kind}={config.name} {plugin}",
         *([f"roboverse check task={task} {plugin}"] if config.kind == "robot" else []),
         f"roboverse train {trained} {plugin}",
@@ -134,7 +135,8 @@ def _next_steps(config: NewConfig, folder: Path, files: list[str]) -> str:
             f"Written to {folder}: {', '.join(files)}",
             "Next:",
             *(f"  {command}" for command in commands),
-            f"Installed by 'pip install --no-deps -e {folder}', every command knows it without plugins=.",
+            f"After 'pip install --no-deps -e {'.' if elsewhere else folder}', in the same folder, every "
+            "command knows it without plugins=.",
         ]
     )
 

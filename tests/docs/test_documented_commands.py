@@ -63,6 +63,15 @@ def test_commands_take_their_keys_and_tasks_have_their_cameras(page: Path) -> No
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_commands_on_a_package_that_is_not_installed_name_it_as_a_plugin(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    commands = re.findall(r"^roboverse [^\n]*|(?<=`)roboverse [^`]*", text, re.MULTILINE)
+    of_a_package = re.compile(r" (?:task=LiftBlock|policy=my_cnn|robot=(?:my_)?arm)(?=\s|$)")
+    named = re.compile(r"\splugins=\[")
+    assert not [each for each in commands if of_a_package.search(each) and not named.search(each)]
+
+
 class ParsedError(Exception):
     """The words of a program were understood, and it does not run."""
 

@@ -3,12 +3,14 @@
 import dataclasses
 import re
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import torch
 
+from envs.core.registry import PLUGINS_VARIABLE
 from envs.scenario import GeomCfg, ObjectCfg, TableCfg
 from envs.spec import EnvSpec
 from envs.state import EntityState
@@ -17,6 +19,7 @@ from envs.tasks.base import Task
 from envs.tasks.pick_cube import PickCube
 from roboverse_learn.checks.checked_task import CheckedTask
 from roboverse_learn.checks.contract import chosen, run
+from roboverse_learn.checks.task_solving import expert_solves
 from roboverse_learn.checks.tasks import TASK_CONTRACTS
 
 
@@ -296,3 +299,14 @@ def test_a_broken_task_is_found(monkeypatch, cls, contract, message, summary):
         checked.close()
     assert (finding.name, finding.result) == (contract, "failed")
     assert re.search(message, finding.detail), finding.detail
+
+
+@pytest.mark.parametrize(
+    ("plugins", "end"), [("", "episode=3"), ("mine,yours", "episode=3 plugins=[mine,yours]")]
+)
+def test_the_command_that_shows_a_failed_start_names_the_plugins_of_the_task(monkeypatch, plugins, end):
+    monkeypatch.setenv(PLUGINS_VARIABLE, plugins)
+    episode = SimpleNamespace(success=False, position=3)
+    checked = SimpleNamespace(rollouts=[episode], required=0.8, spec=SimpleNamespace(task="Lift"))
+    finding = list(run([expert_solves], checked))[-1]
+    assert finding.detail.endswith(f"roboverse view task=Lift split=test {end}")

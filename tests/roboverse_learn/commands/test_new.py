@@ -134,7 +134,24 @@ def test_an_empty_folder_is_filled_and_named_in_the_next_steps(
     (folder / "deep" / "empty").mkdir(parents=True)
     assert cli.main(["new", "task", "name=LiftBlock", "out=deep/empty"]) == 0
     assert (folder / "deep" / "empty" / "lift_block" / "task.py").is_file()
-    assert "\n  cd deep/empty\n" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "\n  cd deep/empty\n" in said
+    assert "After 'pip install --no-deps -e .', in the same folder, " in said, "after the cd"
+
+
+@pytest.mark.parametrize("kind", NEW_KINDS)
+def test_the_next_steps_the_readme_and_the_page_install_by_one_command(
+    kind: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["new", kind, f"name={NAMES[kind]}"]) == 0
+    module = {"task": "lift_block"}.get(kind, NAMES[kind])
+    installs = "pip install --no-deps -e"
+    assert f"After '{installs} {module}', in the same folder, " in capsys.readouterr().out
+    readme = (folder / module / "README.md").read_text(encoding="utf-8")
+    assert f"`{installs} .`, run here too, registers" in readme
+    assert "here, in the folder of this file:" in readme.replace("\n", " ")
+    page = (ROOT / "docs/howto/start_your_own.md").read_text(encoding="utf-8")
+    assert f"After `{installs} lift_block`, in the same folder, " in page
 
 
 @pytest.mark.parametrize("kind", NEW_KINDS)
