@@ -23,12 +23,14 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from functools import partial
 from typing import Any
 
 from envs.core.errors import RoboVerseError
 from envs.core.extras import DISTRIBUTION, install_command
 from envs.core.machine import num_cores
 from envs.core.registry import leave_out_broken_plugins
+from roboverse_learn.commands.verdict import verdict
 from roboverse_learn.config.schema import DoctorConfig
 from roboverse_learn.extras import missing_packages
 
@@ -43,19 +45,33 @@ _BUSY_PERCENT = 30.0
 """Share of the processor, taken by others, from which on the figures of speed say so."""
 
 _IMAGE_SIZE = 64
+_UNTIMED = "untimed"
+"""Word for the check of a renderer that measures nothing."""
+
+_TAKES = "This takes about a minute, several on a slow or busy machine; speed=false takes less than half."
+_TAKES_UNTIMED = "This takes about half a minute, more on a slow or busy machine."
+
 _FEATURES = ("avx2", "avx512_f", "avx512_vnni", "avx512_bf16", "amx_bf16", "sve")
 _GIB = 1 << 30
 
 
 def doctor(config: DoctorConfig) -> str:
-    """Returns the report as text for people, or as JSON."""
-    report = diagnose()
-    return json.dumps(report, indent=1) if config.json else as_text(report)
+    """Returns the report as text for people, which ends with a verdict, or as JSON."""
+    report = diagnose(timed=config.speed)
+    return json.dumps(report, indent=1) if config.json else f"{as_text(report)}\n\n{verdict(report)}"
 
 
-def diagnose() -> dict[str, Facts]:
-    """Returns the facts of every part; a part that fails has its reason under ``failed``."""
-    return {name: _guarded(part) for name, part in PARTS.items()}
+def diagnose(*, timed: bool = True) -> dict[str, Facts]:
+    """Returns the facts of every part; a part that fails has its reason under ``failed``.
+
+    Args:
+        timed: Also measure speeds.
+    """
+    parts = PARTS if timed else {name: part for name, part in PARTS.items() if name != "speed"}
+    if "renderers" in parts:
+        log.info(_TAKES if timed else _TAKES_UNTIMED)
+    untimed = {} if timed else {"renderers": partial(renderers, timed=False)}
+    return {name: _guarded(untimed.get(name, part)) for name, part in parts.items()}
 
 
 def as_text(report: Mapping[str, Mapping[str, Any]]) -> str:
@@ -179,11 +195,12 @@ def video() -> Facts:
     )
 
 
-def renderers() -> Facts:
-    """Images per second of each renderer, or why it does not work."""
+def renderers(*, timed: bool = True) -> Facts:
+    """Images per second of each renderer, or whether it renders one; or why it does not work."""
     from envs.simulators import RENDERERS
 
-    return {name: _guarded(lambda name=name: _in_process("render", name)) for name in RENDERERS}
+    how = () if timed else (_UNTIMED,)
+    return {name: _guarded(lambda name=name: _in_process("render", name, *how)) for name in RENDERERS}
 
 
 def speed() -> Facts:
@@ -288,7 +305,7 @@ def _read_with_torchcodec(path: Path) -> str:
     return f"{len(VideoDecoder(str(path)))} frames"
 
 
-def _probe_render(renderer: str) -> Facts:
+def _probe_render(renderer: str, how: str = "") -> Facts:
     import envs
 
     env = envs.make_vec("PickCube", 1, renderer=renderer, image_size=_IMAGE_SIZE)
@@ -296,9 +313,12 @@ def _probe_render(renderer: str) -> Facts:
     image = env.image(0)
     if not image.any():
         raise RoboVerseError("the image is black")
-    rate = _per_second(lambda: env.image(0))
+    size = f"{_IMAGE_SIZE}×{_IMAGE_SIZE}"
+    facts: Facts = {"renders": size}
+    if how != _UNTIMED:
+        facts = {f"{size} images/s": _per_second(lambda: env.image(0))}
     env.close()
-    return {f"{_IMAGE_SIZE}×{_IMAGE_SIZE} images/s": rate}
+    return facts
 
 
 def _probe_env() -> Facts:
@@ -350,7 +370,7 @@ _LOOKS_AT = {
     "env": "the speed of an environment",
     "train": "the speed of training",
 }
-"""What each of them looks at; together they take about a minute, in which nothing else is seen."""
+"""What each of them looks at, said before it starts."""
 
 
 if __name__ == "__main__":

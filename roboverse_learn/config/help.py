@@ -113,7 +113,11 @@ EXAMPLES = {
         "roboverse dataset merge from=[datasets/<a>,datasets/<b>] out=datasets/all",
         "roboverse dataset get from=lerobot/pusht",
     ),
-    "doctor": ("roboverse doctor", "roboverse doctor json=true   (or --json)"),
+    "doctor": (
+        "roboverse doctor",
+        "roboverse doctor speed=false   (a quick look)",
+        "roboverse doctor json=true   (or --json)",
+    ),
     "list": (
         "roboverse list   (everything)",
         "roboverse list policies robots   (some kinds)",

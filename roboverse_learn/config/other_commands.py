@@ -327,6 +327,8 @@ class DoctorConfig:
 
     Attributes:
         json: Print JSON instead of text.
+        speed: Also measure images, environment steps and training per second, which takes most of the time.
     """
 
     json: bool = False
+    speed: bool = True

@@ -137,3 +137,97 @@ def test_the_default_renderer_and_the_videos_work_here():
 @pytest.mark.slow
 def test_a_renderer_that_does_not_exist_is_a_reason():
     assert "Unknown renderer" in doctor._in_process("render", "wrap")["failed"]
+
+
+def last_line(capsys, *words):
+    assert cli.main(["doctor", *words]) == 0
+    return capsys.readouterr().out.rstrip("\n").split("\n")[-1]
+
+
+@pytest.fixture
+def all_installed(monkeypatch):
+    monkeypatch.setitem(doctor.PARTS, "extras", lambda: {"newton": "installed"})
+
+
+def fail(*failing):
+    """Returns a stand-in for processes of which those whose words are named fail."""
+    return lambda *words: {"failed": "no driver."} if words[:2] in failing else {"steps/s": 1.0}
+
+
+def test_the_last_line_says_that_the_default_path_works(without_processes, all_installed, capsys):
+    assert last_line(capsys) == "The default path works."
+
+
+@pytest.mark.parametrize(
+    ("failing", "reason"),
+    [
+        (("render", "warp"), "renderer=warp: no driver"),
+        (("train",), "train (act, preset=quick, device=auto): no driver"),
+        (("torch",), "torch: no driver"),
+        (("video",), "videos: no driver"),
+    ],
+)
+def test_the_last_line_says_why_the_default_path_does_not_work(
+    all_installed, monkeypatch, capsys, failing, reason
+):
+    monkeypatch.setattr(doctor, "_in_process", fail(failing))
+    assert last_line(capsys) == f"The default path does not work, because of {reason}."
+
+
+def test_the_last_line_names_what_is_optional_and_not_usable(monkeypatch, capsys):
+    monkeypatch.setitem(doctor.PARTS, "extras", lambda: {"newton": "without newton; pip", "dev": "installed"})
+    processes = fail(("render", "gl"), ("render", "newton"), ("render", "sapien"))
+    monkeypatch.setattr(doctor, "_in_process", processes)
+    optional = "optional and not usable here: renderers gl, sapien; extras newton."
+    assert last_line(capsys) == f"The default path works; {optional}"
+    monkeypatch.setattr(doctor, "_in_process", fail(("render", "gl"), ("env",)))
+    said = last_line(capsys)
+    assert (
+        said.startswith("The default path does not work, because of env (") and "renderers gl; extras" in said
+    )
+
+
+def test_a_speed_that_a_busy_machine_does_not_give_is_no_part_of_the_verdict(
+    all_installed, monkeypatch, capsys
+):
+    monkeypatch.setattr(psutil, "cpu_percent", lambda interval: 97.0)
+    late = {"failed": doctor._too_slow()}
+    monkeypatch.setattr(doctor, "_in_process", lambda *words: late if words == ("env",) else {})
+    assert last_line(capsys) == "The default path works."
+
+
+def test_a_plugin_that_cannot_be_imported_is_in_the_verdict(
+    without_processes, all_installed, monkeypatch, capsys
+):
+    monkeypatch.setitem(doctor.PARTS, "plugins", lambda: {"cannot be imported": "There is no 'my_tsaks'."})
+    said = last_line(capsys)
+    assert said == "The default path does not work, because of plugins: There is no 'my_tsaks'."
+
+
+@pytest.mark.parametrize("words", [["speed=false"], ["speed=false", "--json"]])
+def test_without_speed_nothing_is_measured_and_every_renderer_is_still_tried(monkeypatch, capsys, words):
+    asked = []
+    monkeypatch.setattr(doctor, "_in_process", lambda *words: asked.append(words) or {})
+    assert cli.main(["doctor", *words]) == 0
+    assert "speed" not in capsys.readouterr().out.lower()
+    assert {name for name, *_ in asked} == {"torch", "video", "render"}
+    assert ("render", "warp", "untimed") in asked and ("render", "gl", "untimed") in asked
+
+
+@pytest.mark.parametrize(
+    ("words", "takes"),
+    [
+        ([], "This takes about a minute, several on a slow or busy machine"),
+        (["speed=false"], "This takes about half a minute"),
+    ],
+)
+def test_it_begins_with_how_long_it_takes(without_processes, capsys, caplog, words, takes):
+    with caplog.at_level("INFO", "roboverse_learn.doctor"):
+        assert cli.main(["doctor", *words]) == 0
+    assert caplog.records[0].getMessage().startswith(takes)
+    assert takes not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_renderer_is_tried_without_a_measurement():
+    assert doctor._in_process("render", "warp", "untimed") == {"renders": "64×64"}
