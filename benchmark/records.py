@@ -168,7 +168,8 @@ class Result:
         max_episode_steps: Length at which an episode is truncated, control steps.
         control_hz: Control steps per second.
         policy: Policy.
-        train_tasks: Tasks that one policy learned together, this one among them; empty where it is alone.
+        train_tasks: Tasks that one policy learned together, or the one that it learned where this is another;
+            empty where it learned this one alone, or nothing is known.
         train_level: Level of the demonstrations, or None.
         train_only: The channel that varied alone in training, or None.
         recipe: Name of the recipe that it was trained by, version included; empty without one.

@@ -136,6 +136,7 @@ def _digest(document: Mapping[str, Any]) -> str:
 def _to_document(result: Result) -> dict[str, Any]:
     """Returns the file's content, in a readable order."""
     _check_shared(result)
+    _check_train_tasks(result)
     values: dict[str, Any] = {item.name: getattr(result, item.name) for item in fields(Result)}
     values |= {
         "protocol": result.protocol.to_json(),
@@ -215,6 +216,7 @@ def _from_document(path: Path, document: dict[str, Any]) -> Result:
                 f"its protocol hashes to {protocol.hash}, and it names {document['protocol_hash']}"
             )
         result = _build(_upgraded(document), protocol)
+        _check_train_tasks(result)
         _check_cells(document["cells"], result)
         _check_scores(document.get("instruction_scores", []), result)
         if "wording_gaps" in document:  # files before it have the records alone
@@ -263,6 +265,14 @@ def _build(document: dict[str, Any], protocol: Protocol) -> Result:
         "records": tuple(records),
     }
     return Result(**values)
+
+
+def _check_train_tasks(result: Result) -> None:
+    """Checks that one task is named as learned only where another is tested."""
+    if result.train_tasks == (result.env.task,):
+        raise ResultError(
+            f"it has train_tasks of {result.env.task} alone, which is the tested task. Leave them out."
+        )
 
 
 def _cell_key(values: Mapping[str, Any]) -> tuple[Any, ...]:

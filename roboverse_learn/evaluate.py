@@ -201,19 +201,20 @@ def _recorded(checkpoint: Path | None) -> "Checkpoint":
 
 
 def _write_curve(path: Path, tested: TestedCheckpoint) -> None:
-    """Puts the learning curve of a run beside its result in the scene that it learned in, and no other."""
+    """Puts the learning curve of a run beside its result in the task and scene that it learned."""
     from benchmark.learning_curves import MEASURES, write_curve
     from roboverse_learn.commands.run_folder import read_config, run_of
     from roboverse_learn.training.metrics import read_metrics
 
     run = None if tested.checkpoint is None else run_of(tested.checkpoint)
-    if run is None:
+    learned = tested.training.tasks
+    if run is None or (learned and tested.env.task not in learned):
         return
     trained = read_config(run)
     scene = ("task_kwargs", "robot", "simulator", "simulator_settings", "scenario", "renderer")
     if all(getattr(tested.env, key) == getattr(trained.env, key) for key in scene):
         rows = read_metrics(run)
-        if tested.training.tasks:
+        if learned:
             rows = [
                 row | {name: row.get(f"{name}/{tested.env.task}", math.nan) for name in MEASURES}
                 for row in rows

@@ -3,8 +3,9 @@
 An **entry** is one budget, the same for every task, and demonstrations of the expert: a recipe, or a named
 preset. A preset counts where its
 keys were left as they are, or where two tasks or more learned with one budget at one level. Everything else
-that was trained is a **study**: other numbers of demonstrations or steps, ablations, a checkpoint of another
-program. A **baseline** was not trained. Success decides none of this.
+that was trained is a **study**: other numbers of demonstrations or steps, ablations, a task that was not
+learned, a checkpoint of another program. A recipe of several tasks is an entry in unseen tasks, too, which is
+what a set such as ``grasp/unseen`` is for. A **baseline** was not trained. Success decides none of this.
 """
 
 import re
@@ -16,6 +17,7 @@ from typing import Any
 from benchmark.leaderboard.recipe_settings import unusual_settings
 from benchmark.leaderboard.rows import (
     demonstrated_by,
+    is_of_other_task,
     policy_and_backend,
     steps_per_look,
     trained_with,
@@ -121,6 +123,8 @@ def _budget_key(result: Result, train: Mapping[str, Any]) -> str | None:
     """Returns what the results of one entry share, whatever the task, level and seed; None for studies."""
     trained = trained_with(result)
     preset = trained.get("preset")
+    if is_of_other_task(result) and not (result.recipe and len(result.train_tasks) > 1):
+        return None
     if result.recipe:
         return canonical_json(["recipe", result.policy, result.recipe, sorted(result.train_tasks)])
     has_preset = isinstance(preset, str) and _NAME.fullmatch(preset)

@@ -63,9 +63,25 @@ def row_key(result: Result) -> dict[str, Any]:
 
 
 def _learned_with(result: Result) -> dict[str, Any]:
-    """Returns the further tasks that the policy learned, sorted; nothing where it learned this one alone."""
-    others = sorted(set(result.train_tasks) - {result.env.task})
+    """Returns the other tasks that the policy learned, sorted; nothing where it learned this one alone."""
+    others = sorted(set(learned_tasks(result)) - {result.env.task})
     return {"learned_with": others} if others else {}
+
+
+def learned_tasks(result: Result) -> tuple[str, ...]:
+    """Returns the tasks that are known to be learned, that of the run where it was one.
+
+    A run of a dataset that was given names a task to be evaluated in, whatever task the dataset is of.
+    """
+    trained = trained_with(result)
+    task = None if trained.get("dataset") else trained.get("task")
+    return result.train_tasks or ((task,) if isinstance(task, str) and task else ())
+
+
+def is_of_other_task(result: Result) -> bool:
+    """Returns whether a policy was tested in a task that it is known not to have learned."""
+    learned = learned_tasks(result)
+    return bool(learned) and result.env.task not in learned
 
 
 def demonstrated_by(result: Result) -> dict[str, str]:
@@ -183,11 +199,15 @@ def policy_and_backend(result: Result) -> str:
 
 
 def policy_label(result: Result) -> str:
-    """Returns the policy's name, whose implementation was trained, and which tasks it learned besides."""
+    """Returns the policy's name, whose implementation was trained, and which other tasks it learned."""
     label = policy_and_backend(result)
     others = _learned_with(result).get("learned_with", [])
-    joined = " and ".join(others) if len(others) <= _NAMED_TASKS else f"{len(others)} further tasks"
-    return f"{label}, learned with {joined}" if others else label
+    if not others:
+        return label
+    if len(others) > _NAMED_TASKS:
+        return f"{label}, learned with {len(others)} further tasks"
+    how = "trained on" if is_of_other_task(result) else "learned with"
+    return f"{label}, {how} {' and '.join(others)}"
 
 
 def _run(path: str, result: Result) -> dict[str, Any]:

@@ -59,9 +59,10 @@ class GivenDataset:
 
     @property
     def learned(self) -> dict[str, list[str]]:
-        """What a run records of it: ``robots`` and ``actions`` of :class:`Learned`."""
-        found = learned_in(self.info)
-        return {"robots": list(found.robots), "actions": list(found.actions)}
+        """What a run records of it: ``robots`` and ``actions`` of :class:`Learned`, and its ``tasks``."""
+        found, collected = learned_in(self.info), is_collected_here(self.info.root)
+        tasks = list(self.config.tasks) if collected else self.info.named_tasks
+        return {"robots": list(found.robots), "actions": list(found.actions), "tasks": tasks}
 
     @property
     def words(self) -> str:

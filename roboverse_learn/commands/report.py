@@ -14,7 +14,7 @@ from roboverse_learn.progress import clock
 
 if TYPE_CHECKING:
     from benchmark.instruction_scores import PairedComparison
-    from benchmark.records import CellSummary
+    from benchmark.records import CellSummary, Result
     from benchmark.suites import SuiteCell
     from roboverse_learn.commands.outcomes import Evaluation, TrainedRun
     from roboverse_learn.data.collection.collect import CollectionSummary
@@ -136,12 +136,8 @@ def conservation_report(cells: Sequence[Sequence[str]], written: Mapping[str, Pa
 def success_table(evaluation: "Evaluation") -> Table:
     """Success by level and split, with Wilson's 95 % interval; the test split is the headline."""
     result = evaluation.result
-    level = "an unknown level" if result.train_level is None else f"level {result.train_level}"
-    trained = f"{result.train_only} alone" if result.train_only else level
-    others = [task for task in result.train_tasks if task != result.env.task]
-    trained += f" together with {', '.join(others)}" if others else ""
     episodes = f"{result.protocol.episodes} episodes"
-    how = "without training" if result.checkpoint.hash is None else f"trained on {trained}"
+    how = "without training" if result.checkpoint.hash is None else f"trained on {_trained_on(result)}"
     title = f"{in_scene(result.env.task, result.env)}, {result.policy}, {how}: success in {episodes}"
     table = Table(
         title=title,
@@ -160,6 +156,18 @@ def success_table(evaluation: "Evaluation") -> Table:
             condition, *rates, ", ".join(cells[0].channels), ", ".join(cells[0].not_shown) or "nothing"
         )
     return table
+
+
+def _trained_on(result: "Result") -> str:
+    """Returns what a policy was trained on: ``level 0 together with StackCube``."""
+    from benchmark.leaderboard.rows import is_of_other_task, learned_tasks
+
+    level = "an unknown level" if result.train_level is None else f"level {result.train_level}"
+    trained = f"{result.train_only} alone" if result.train_only else level
+    others = ", ".join(task for task in learned_tasks(result) if task != result.env.task)
+    if is_of_other_task(result):
+        return f"{others} at {trained}, not on {result.env.task}"
+    return f"{trained} together with {others}" if others else trained
 
 
 def in_scene(what: str, env: EnvSpec) -> str:

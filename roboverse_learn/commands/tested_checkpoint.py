@@ -20,6 +20,7 @@ from roboverse_learn.commands.learned_robots import (
     recorded_robots,
     warn_of_joints,
 )
+from roboverse_learn.commands.learned_tasks import check_run_learned, known_tasks, learned_together
 from roboverse_learn.commands.scene_labels import fit_for_a_file, recorded_materials, scenario_name
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
@@ -41,7 +42,7 @@ class Training:
     """Facts of the training of a checkpoint.
 
     Attributes:
-        tasks: Tasks that were learned together; empty where it was one.
+        tasks: Tasks that were learned together, or the one that was where another is tested; else empty.
         level: Level of the demonstrations; None where unknown or where one channel varied alone.
         only: The channel that varied alone in the demonstrations.
         seed: Seed of the run.
@@ -107,6 +108,7 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
     """Returns the checkpoint, or the baseline, in each task that is named, or else that it was trained on.
 
     Raises:
+        PolicyError: It is known to have learned other tasks, and ``other_tasks`` does not ask for this one.
         RoboVerseError: as :func:`checkpoint_to_test`.
     """
     from roboverse_learn.config.serialize import task_names
@@ -115,9 +117,14 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
     if "task" in config.env:
         tasks = task_names(config.env["task"])
     elif config.checkpoint:
-        tasks = _learned_together(Path(config.checkpoint))
+        tasks = learned_together(Path(config.checkpoint))
     each = [replace(config, env={**config.env, "task": task}) for task in tasks] or [config]
-    return [checkpoint_to_test(one) if one.checkpoint else _baseline(one) for one in each]
+    found = [checkpoint_to_test(one) if one.checkpoint else _baseline(one) for one in each]
+    for tested in found:
+        if tested.checkpoint is not None:
+            asked = config.evaluate.other_tasks
+            check_run_learned(tested.checkpoint, tested.env.task, other_tasks=asked)
+    return found
 
 
 def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
@@ -139,7 +146,10 @@ def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:
     else:
         tested = _checkpoint_with_run(folder, checkpoint, config)
     check_learned(checkpoint, tested.env.task, other_tasks=config.evaluate.other_tasks)
-    return tested
+    learned = known_tasks(checkpoint)
+    if not learned or tested.env.task in learned:
+        return tested
+    return replace(tested, training=replace(tested.training, tasks=learned))
 
 
 def _checkpoint_with_run(folder: Path, checkpoint: Path, config: EvaluateConfig) -> TestedCheckpoint:
@@ -196,7 +206,7 @@ def checkpoint_of_run(
         env=_without_variation(config.env),
         device=resolve_device(config.device),
         training=Training(
-            tasks=_learned_together(checkpoint),
+            tasks=learned_together(checkpoint),
             level=facts.get("level", None if config.env.only else config.env.level),
             only=facts.get("only", config.env.only),
             seed=config.seed,
@@ -275,7 +285,7 @@ def _checkpoint_without_run(checkpoint: Path, config: EvaluateConfig) -> TestedC
         env=env,
         device=resolve_device(config.device),
         rename_map=config.rename_map,
-        training=Training(tasks=_learned_together(checkpoint)),
+        training=Training(tasks=learned_together(checkpoint)),
         config={"command": to_values(config), "policy": values, **recorded_robots(learned, env)},
     )
 
@@ -324,25 +334,6 @@ def _evaluation_in_name(config: EvaluateConfig, env: EnvSpec, seen: EnvSpec | No
     if config.rename_map:
         parts.append(_in_name("rename_map", config.rename_map))
     return parts
-
-
-def _learned_together(checkpoint: Path) -> tuple[str, ...]:
-    """Returns the tasks that a checkpoint was trained on together; none where it was one.
-
-    LeRobot's checkpoints do not name them; then they are those of the run.
-    """
-    from envs.core.errors import PolicyError
-    from policies.checkpoint import learned_tasks, resolve
-    from roboverse_learn.commands.run_folder import read_config, run_of
-
-    learned = learned_tasks(checkpoint)
-    if not learned:
-        try:
-            folder = run_of(resolve(checkpoint))
-        except PolicyError:  # a name on the hub, or nothing, which opening it says
-            return ()
-        learned = () if folder is None else read_config(folder).tasks
-    return learned if len(learned) > 1 else ()
 
 
 def _check_whole(checkpoint: Path, expected: str) -> None:

@@ -184,3 +184,36 @@ def test_only_what_asks_the_same_is_compared(publish, tmp_path):
         {("act", "diffusion")},
         {("diffusion", "act")},
     )
+
+
+@pytest.mark.parametrize(
+    "unlearned",
+    [
+        {"train_tasks": ("PickCube",)},
+        {"config": settings() | {"task": "PickCube"}},  # as older results have it
+        {"config": {"run": settings() | {"task": "PickCube"}}},
+        {"train_tasks": ("PickCube", "CloseBox")},
+    ],
+)
+def test_a_task_that_was_not_learned_is_a_study_and_makes_no_entry_of_another(publish, tmp_path, unlearned):
+    publish(run="cube", **changed())
+    publish(run="moved", task="StackCube", **changed(**unlearned))
+    assert kinds(tmp_path) == {"cube": "study", "moved": "study"}
+    as_it_is = "python roboverse_learn/train.py policy=act preset=gpu"
+    publish(run="again", task="StackCube", **changed(**unlearned, command=as_it_is))
+    assert kinds(tmp_path) == {"cube": "study", "moved": "study", "again": "study"}
+
+
+def test_a_recipe_of_one_task_is_no_entry_of_another_and_one_of_several_is(publish, tmp_path):
+    publish(run="cube")
+    publish(run="moved", task="StackCube", train_tasks=("PickCube",))
+    publish(run="several", task="grasp/unseen/a", train_tasks=("grasp/few/a", "grasp/few/b"))
+    assert kinds(tmp_path) == {"cube": "entry", "moved": "study", "several": "entry"}
+
+
+def test_the_task_of_a_run_of_a_given_dataset_is_not_known_to_be_learned(publish, tmp_path):
+    publish(
+        run="given", task="StackCube", **changed(config=settings() | {"task": "PickCube", "dataset": "d"})
+    )
+    ((row,),) = [section["rows"] for section in leaderboard.build(tmp_path)["sections"]]
+    assert row["kind"] == "study" and "PickCube" not in row["label"]

@@ -121,3 +121,15 @@ def test_multi_task_row_names_other_tasks_in_any_order(publish, tmp_path):
         "act, learned with a and b": ([0, 1], ["a", "b"]),
         "act, learned with 4 further tasks": ([0], ["a", "b", "c", "d"]),
     }
+
+
+@pytest.mark.parametrize("unlearned", [{"train_tasks": ("PickCube",)}, {"config": {"task": "PickCube"}}])
+def test_a_row_in_a_task_that_was_not_learned_names_the_one_that_was(publish, tmp_path, unlearned):
+    publish(task="StackCube", **unlearned)
+    ((label, learned),) = [(row["label"], row["learned_with"]) for row in rows(tmp_path)]
+    assert (label, learned) == ("act, trained on PickCube", ["PickCube"])
+
+
+def test_a_row_in_a_task_beside_those_that_were_learned_says_on_which(publish, tmp_path):
+    publish(task="StackCube", train_tasks=("PickCube", "CloseBox"))
+    assert [row["label"] for row in rows(tmp_path)] == ["act, trained on CloseBox and PickCube"]

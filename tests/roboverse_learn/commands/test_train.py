@@ -206,6 +206,12 @@ def test_the_title_names_what_is_not_usual_of_the_scene(
     assert str(instruction_table(moved).title).startswith(f"{scene}, act: success in the task when")
 
 
+def test_the_title_says_that_the_task_was_not_learned(evaluation: Evaluation) -> None:
+    other = dataclasses.replace(evaluation.result, env=EnvSpec(task="StackCube"), train_tasks=("PickCube",))
+    title = success_table(dataclasses.replace(evaluation, result=other)).title
+    assert title == "StackCube, act, trained on PickCube at level 0, not on StackCube: success in 2 episodes"
+
+
 def test_the_paths_of_everything_are_printed(evaluation: Evaluation) -> None:
     said = printed(evaluation_report([evaluation], BOARD))
     for path in (*BOARD.values(), evaluation.path, evaluation.videos[0]):

@@ -1,0 +1,71 @@
+"""The tasks that a checkpoint was trained on, as far as it, or its run, says so."""
+
+from pathlib import Path
+
+from envs.core.errors import PolicyError
+from roboverse_learn.config.schema import TrainRunConfig
+
+
+def known_tasks(checkpoint: Path) -> tuple[str, ...]:
+    """Returns the tasks that a checkpoint was trained on; none where nothing is known of them.
+
+    LeRobot's checkpoints do not name them; then they are those of the run and of the dataset that it was
+    given. Where that is of another program, whose episodes name no task, the run's one task is only where it
+    is to be evaluated.
+
+    Args:
+        checkpoint: A pretrained folder, or that of its run.
+    """
+    from policies.checkpoint import learned_tasks, resolve
+    from roboverse_learn.commands.run_folder import read_config, run_of
+
+    if learned := learned_tasks(checkpoint):
+        return learned
+    try:
+        folder = run_of(resolve(checkpoint))
+    except PolicyError:  # a name on the hub, or nothing, which opening it says
+        return ()
+    return () if folder is None else _tasks_of_run(folder, read_config(folder))
+
+
+def learned_together(checkpoint: Path) -> tuple[str, ...]:
+    """Returns the tasks that a checkpoint was trained on together; none where it was one."""
+    learned = known_tasks(checkpoint)
+    return learned if len(learned) > 1 else ()
+
+
+def check_run_learned(checkpoint: Path, task: str, *, other_tasks: bool) -> None:
+    """Refuses a task that the run of a checkpoint did not train.
+
+    Args:
+        checkpoint: The pretrained folder.
+        task: The task that it is to be evaluated in.
+        other_tasks: Whether that is wanted all the same.
+
+    Raises:
+        PolicyError: It is not wanted, and the task is none of those that are known to be learned.
+    """
+    from policies.checkpoint import policy_type
+
+    learned = known_tasks(checkpoint)
+    if other_tasks or not learned or task in learned:
+        return
+    raise PolicyError(
+        f"Checkpoint '{checkpoint}' of policy '{policy_type(checkpoint)}' learned the "
+        f"task{'s' * (len(learned) > 1)} {' and '.join(learned)}, not {task}. "
+        f"Give task={' or task='.join(learned)}, or train it on {task}, or evaluate it there nevertheless "
+        "with other_tasks=true, as a study."
+    )
+
+
+def _tasks_of_run(folder: Path, trained: TrainRunConfig) -> tuple[str, ...]:
+    from roboverse_learn.commands.run_folder import read_facts
+
+    if not trained.dataset:
+        return trained.tasks
+    named = read_facts(folder, "collect").get("tasks")
+    if named == [] and len(trained.tasks) == 1:
+        return ()
+    return tuple(
+        dict.fromkeys([*trained.tasks, *(named or ())])
+    )  # older runs do not record those of a dataset
