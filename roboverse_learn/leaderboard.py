@@ -41,14 +41,22 @@ def write_leaderboard(results_dir: Path) -> dict[str, Path]:
 
 
 def write_leaderboard_of(results_dir: Path, evaluations: "Iterable[Evaluation]") -> dict[str, Path]:
-    """Writes the leaderboard of a folder; returns what concerns some evaluations: no plots of other tasks."""
+    """Writes the leaderboard of a folder; returns what concerns some evaluations.
+
+    There are no plots of other tasks, and beside the pages, as ``result html`` and ``result studies html``,
+    those of them that the evaluations are on.
+    """
+    from benchmark.leaderboard.pages import pages_of
     from benchmark.leaderboard.results_folder import PLOTS
     from benchmark.leaderboard.section_plots import possible_plots
 
     written = write_leaderboard(results_dir)
     paths = [each.path.relative_to(results_dir).as_posix() for each in evaluations if each.path]
     plots = possible_plots(results_dir, written["json"], paths)
-    return {kind: path for kind, path in written.items() if path.parent.name != PLOTS or path in plots}
+    shown = {f"result {page}": written[page] for page in pages_of(written["json"], paths)}
+    return shown | {
+        kind: path for kind, path in written.items() if path.parent.name != PLOTS or path in plots
+    }
 
 
 def report_with_leaderboard(

@@ -73,7 +73,7 @@ def train_report(run: "TrainedRun") -> Group:
             | _evaluation_paths(run.evaluations, run.board)
         ),
         Text(f"Done in {clock(run.seconds)}: {times}."),
-        listed_paths({"See the policy": run.gif, "Open in a browser": run.board.get("html")}),
+        listed_paths({"See the policy": run.gif} | pages_to_open(run.board)),
     )
     return WarnedReport(report, run.board_failure) if run.board_failure else report
 
@@ -91,7 +91,11 @@ def collection_report(dataset: "CollectionSummary") -> Group:
 
 def evaluation_report(evaluations: Sequence["Evaluation"], board: Mapping[str, Path]) -> Group:
     """The table of success of every task, and where the results are."""
-    return Group(*_tables(evaluations), listed_paths(_evaluation_paths(evaluations, board)))
+    return Group(
+        *_tables(evaluations),
+        listed_paths(_evaluation_paths(evaluations, board)),
+        listed_paths(pages_to_open(board)),
+    )
 
 
 def leaderboard_report(board: Mapping[str, Path], removed_videos: int | None = None) -> Group:
@@ -274,6 +278,12 @@ def board_paths(board: Mapping[str, Path]) -> dict[str, Any]:
     names = {"html": "page", "studies html": "studies", "instructions html": "instructions"}
     names |= {"markdown": "table", "json": "leaderboard"}
     return {title: board[name] for name, title in names.items() if name in board} | {"plots": plots}
+
+
+def pages_to_open(board: Mapping[str, Path]) -> dict[str, Any]:
+    """The pages that the results of a report are on; the board where it is not known."""
+    pages = [board[kind] for kind in ("result html", "result studies html") if kind in board]
+    return {"Open in a browser": pages or board.get("html")}
 
 
 def listed_paths(paths: Mapping[str, Any]) -> Group:

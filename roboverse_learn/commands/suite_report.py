@@ -10,6 +10,7 @@ from roboverse_learn.commands.report import (
     board_paths,
     in_scene,
     listed_paths,
+    pages_to_open,
     rate_text,
     unbroken,
     wording_table,
@@ -57,7 +58,7 @@ def suite_evaluation_report(suite: SuiteEvaluation, board: Mapping[str, Path]) -
     worded = wording_table([*suite.evaluations.values()])
     tables = [table] if worded is None else [table, worded]
     written = {"suite": suite.path} | board_paths(board)
-    return _with_failures(suite.failed, *tables, listed_paths(written))
+    return _with_failures(suite.failed, *tables, listed_paths(written), listed_paths(pages_to_open(board)))
 
 
 def _with_failures(failed: Mapping[str, str], *parts: Table | Group) -> SuiteReport:
