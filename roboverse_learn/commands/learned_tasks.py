@@ -66,6 +66,4 @@ def _tasks_of_run(folder: Path, trained: TrainRunConfig) -> tuple[str, ...]:
     named = read_facts(folder, "collect").get("tasks")
     if named == [] and len(trained.tasks) == 1:
         return ()
-    return tuple(
-        dict.fromkeys([*trained.tasks, *(named or ())])
-    )  # older runs do not record those of a dataset
+    return tuple(dict.fromkeys([*trained.tasks, *(named or ())]))  # older runs do not record the dataset's
