@@ -22,6 +22,7 @@ from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import PLUGINS_VARIABLE, leave_out_broken_plugins, load_plugins
 from roboverse_learn.commands.called_with import called_with
 from roboverse_learn.commands.child_process import end_with_parent
+from roboverse_learn.commands.interrupted_import import interrupts_of_imports
 from roboverse_learn.commands.sigterm import sigterm_interrupts
 from roboverse_learn.config import help as help_texts
 from roboverse_learn.config.compose import compose
@@ -63,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # all of this is imported
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with sigterm_interrupts(), called_with(words):
+        with sigterm_interrupts(), called_with(words), interrupts_of_imports():
             code = _dispatch(words)
         _flush_output()
         return code
