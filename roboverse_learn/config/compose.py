@@ -325,7 +325,8 @@ def _value(word: str, text: str, command: str, key: str, default: Any) -> Any:
     if key in MAPS:
         return _map(word, text, key)
     example = "" if default is None else f", such as {key}={str(default).lower()}"
-    takes = "Write a list in brackets, such as [1,2]." if isinstance(default, list) else ""
+    shown = f"[{text}]" if "," in text and not set(text) & set("()[]{}") else "[1,2]"
+    takes = f"Write a list in brackets, such as {shown}." if isinstance(default, list) else ""
     takes = takes or f"{key} takes one value{example}."
     if open_section(key):
         takes = "Write a list in brackets, such as [1,2], and text with other signs in quotes."

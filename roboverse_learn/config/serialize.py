@@ -93,11 +93,17 @@ def default_values(command: str, policy: str = "act") -> dict[str, Any]:
 
 
 def task_names(given: Any) -> list[str]:
-    """Returns the tasks of ``task=``: one, or a list as it is typed or as a program has it."""
+    """Returns the tasks of ``task=``: one, or a list as it is typed or as a program has it.
+
+    Raises:
+        ConfigError: It is a list without its brackets.
+    """
     if not isinstance(given, str):
         names = given
     elif given.startswith("[") and given.endswith("]"):
         names = given[1:-1].split(",")
+    elif "," in given:
+        raise ConfigError(f"task={given} has no brackets. Write several tasks as a list: task=[{given}].")
     else:
         return [given]
     return [str(name).strip() for name in names] or [""]
@@ -151,6 +157,8 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
         "renderer": {*simulators.RENDERERS.names(), *simulators.HANDLERS.names()},
     }[kind]
     for name in names:
+        if kind == "task" and "," in name:
+            raise ConfigError(f"task={name} names several tasks, and one is taken here. Give one of them.")
         if name not in valid:
             raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind in ("task", "robot") else "")
 

@@ -1,8 +1,10 @@
 """Keys of the command line, and what stands for those of another command."""
 
+import re
+
 import pytest
 
-from envs.core.errors import UnknownNameError
+from envs.core.errors import ConfigError, UnknownNameError
 from roboverse_learn.config.compose import compose
 
 
@@ -21,3 +23,16 @@ def test_a_key_of_another_command_names_what_stands_for_it(command: str, key: st
         UnknownNameError, match=rf"Unknown key '{key}' of {command}. Did you mean '{meant}'\?"
     ):
         compose(command, [f"{key}=x"])
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "said"),
+    [
+        ("train", ["policy=mtact"], "Write several tasks as a list: task=[PickCube,StackCube]."),
+        ("evaluate", ["checkpoint=x"], "Write several tasks as a list: task=[PickCube,StackCube]."),
+        ("collect", [], "names several tasks, and one is taken here."),
+    ],
+)
+def test_tasks_without_brackets_are_no_unknown_task(command: str, words: list[str], said: str) -> None:
+    with pytest.raises(ConfigError, match=f"^task=PickCube,StackCube .*{re.escape(said)}"):
+        compose(command, [*words, "task=PickCube,StackCube"])

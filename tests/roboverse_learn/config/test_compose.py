@@ -269,7 +269,7 @@ LIST = r"Write a list in brackets, such as \[1,2\]"
     [
         ("collect.num_envs=[1,2", r"cannot be read: .* collect\.num_envs takes one value, such as .*=8\.$"),
         ("only=[", r"cannot be read: check its brackets and quotes\. only takes one value\.$"),
-        ("cameras=front,wrist", rf"gives several values\. {LIST}\.$"),
+        ("cameras=front,wrist", rf"gives several values\. {LIST.replace('1,2', 'front,wrist')}\.$"),
         ("level=range(3)", r"gives several values\. level takes one value, such as level=0\.$"),
         (
             "image_size={a:1}",
