@@ -30,8 +30,12 @@ def interrupts_of_imports() -> Iterator[None]:
 def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
     """Returns the interrupt that an ImportError among the causes of an error came of; None for none."""
     cause: BaseException | None = error
-    while cause is not None and not isinstance(cause, ImportError):
-        cause = cause.__cause__
-    while cause is not None and not isinstance(cause, KeyboardInterrupt):
-        cause = cause.__cause__ or cause.__context__
-    return cause
+    seen: list[BaseException] = []  # a chain may be a ring
+    failed = False
+    while cause is not None and cause not in seen:
+        if failed and isinstance(cause, KeyboardInterrupt):
+            return cause
+        seen.append(cause)
+        failed = failed or isinstance(cause, ImportError)
+        cause = cause.__cause__ or (cause.__context__ if failed else None)
+    return None

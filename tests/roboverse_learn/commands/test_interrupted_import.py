@@ -63,3 +63,10 @@ def test_an_error_of_cleaning_up_after_an_interrupt_is_not_hidden() -> None:
             raise KeyboardInterrupt
         finally:
             raise OSError("no space")
+
+
+def test_an_error_that_is_its_own_cause_is_raised() -> None:
+    error = ImportError("of itself")
+    error.__cause__ = error
+    with pytest.raises(ImportError, match="of itself"), interrupts_of_imports():
+        raise error
