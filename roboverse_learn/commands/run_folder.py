@@ -9,6 +9,7 @@ of another program takes the place of the task.
 import contextlib
 import json
 import logging
+import os
 import shlex
 import time
 from collections.abc import Iterator, Mapping
@@ -20,8 +21,9 @@ import numpy as np
 from filelock import BaseFileLock
 
 from envs.core.atomic import write_file
-from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError
+from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError, UnknownNameError
 from envs.core.fingerprint import digest
+from envs.core.registry import OF_YOUR_OWN, PLUGINS_VARIABLE
 from policies.checkpoint import HASHES, of_steps
 from roboverse_learn.commands.run_identity import changes, changes_of_result, is_of_others, run_name
 from roboverse_learn.commands.scene_labels import fit_for_a_file
@@ -56,6 +58,7 @@ def read_config(folder: Path) -> TrainRunConfig:
 
     Raises:
         ConfigError: The folder is not that of a run, or its configuration cannot be read.
+        UnknownNameError: It names what is not registered, such as a policy of a plugin.
     """
     import yaml
 
@@ -75,11 +78,39 @@ def read_config(folder: Path) -> TrainRunConfig:
         return from_values("train", values)
     except MissingAssetError:
         raise
+    except UnknownNameError as error:
+        raise of_its_plugins(error, folder) from error
     except ConfigError as error:
         raise ConfigError(
             f"'{path}' does not fit this version, or is damaged: {error} Restore it from a copy, or begin "
             "another run."
         ) from error
+
+
+def of_its_plugins(error: UnknownNameError, folder: Path) -> UnknownNameError:
+    """Returns an error about a run with the ``plugins=[...]`` of its training that this process lacks.
+
+    Args:
+        error: What is unknown.
+        folder: The run's folder.
+    """
+    here = os.environ.get(PLUGINS_VARIABLE, "").split(",")
+    lacking = [name for name in _plugins_of(folder) if name not in here]
+    if not lacking:
+        return UnknownNameError(str(error))
+    said = str(error).removesuffix(OF_YOUR_OWN).rstrip()
+    return UnknownNameError(f"{said} '{folder}' was trained with plugins=[{','.join(lacking)}]: add that.")
+
+
+def _plugins_of(folder: Path) -> list[str]:
+    """Returns the plugins that the commands of a run named; none where its manifest cannot be read."""
+    try:
+        starts = json.loads((folder / MANIFEST_FILE).read_text())["starts"]
+        words = [word for start in starts for word in shlex.split(start["command"])]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return []
+    given = [word.removeprefix("plugins=").strip("[]") for word in words if word.startswith("plugins=")]
+    return list(dict.fromkeys(filter(None, ",".join(given).replace(" ", "").split(","))))
 
 
 def run_of(checkpoint: Path) -> Path | None:

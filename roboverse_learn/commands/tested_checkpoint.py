@@ -341,6 +341,7 @@ def _check_whole(checkpoint: Path, expected: str) -> None:
     from envs.core.errors import PolicyError, UnknownNameError
     from policies import config_class
     from policies.checkpoint import WEIGHTS, policy_type, weights_path
+    from roboverse_learn.commands.run_folder import of_its_plugins, run_of
 
     if not weights_path(checkpoint).is_file():
         raise PolicyError(f"Checkpoint '{checkpoint}' has no {WEIGHTS}. Name another one, or train again.")
@@ -348,7 +349,9 @@ def _check_whole(checkpoint: Path, expected: str) -> None:
     try:
         config_class(name)
     except UnknownNameError as error:
-        raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {error}") from error
+        folder = run_of(checkpoint)
+        why = error if folder is None else of_its_plugins(error, folder)
+        raise PolicyError(f"Checkpoint '{checkpoint}' cannot be evaluated: {why}") from error
     if expected not in ("", name):
         raise ConfigError(
             f"policy={expected} and checkpoint={checkpoint} are both given, and the checkpoint is of "

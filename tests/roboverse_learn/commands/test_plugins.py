@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from envs.core.registry import PLUGINS_VARIABLE
+from envs.core.registry import OF_YOUR_OWN, PLUGINS_VARIABLE
+from policies.checkpoint import CONFIG, WEIGHTS
 from roboverse_learn import cli, doctor
+from roboverse_learn.commands.run_folder import RunFolder
+from roboverse_learn.config.compose import compose
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -60,7 +63,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv(PLUGINS_VARIABLE, "")
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", ".")])
     yield tmp_path
-    for name in ("plugin_here", "empty_plugin"):
+    for name in ("plugin_here", "empty_plugin", "another"):
         sys.modules.pop(name, None)
 
 
@@ -178,3 +181,44 @@ def test_a_process_whose_environment_names_a_plugin_that_fails_has_no_traceback(
     )
     assert done.returncode == code
     assert re.search(out, done.stdout) and re.search(err, done.stderr)
+
+
+@pytest.fixture
+def run_of_a_plugin(here: Path) -> Path:
+    """A run of a policy that no module of this process registers."""
+    config = compose("train", ["policy=act", "preset=quick", "device=cpu"])
+    words = ["roboverse", "train", "policy=of_a_user", "plugins=[plugin_here, another]"]
+    with RunFolder.open(config, words) as opened:
+        checkpoint = opened.folder / "checkpoints/000100/pretrained_model"
+        checkpoint.mkdir(parents=True)
+        (checkpoint / CONFIG).write_text('{"type": "of_a_user"}')
+        (checkpoint / WEIGHTS).write_bytes(b"weights")
+    path = opened.folder / "config.yaml"
+    path.write_text(path.read_text().replace("policy_name: act", "policy_name: of_a_user"))
+    return opened.folder
+
+
+@pytest.mark.parametrize("words", [["evaluate"], ["evaluate", "task=PickCube"], ["train"]])
+def test_a_run_of_a_plugin_says_which_plugin_is_to_be_named(
+    run_of_a_plugin: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    key = "run" if words == ["train"] else "checkpoint"
+    assert cli.main([*words, f"{key}={run_of_a_plugin}"]) == 2
+    said = capsys.readouterr().err
+    assert "Unknown policy 'of_a_user'. Valid: act, " in said
+    assert said.endswith(" was trained with plugins=[plugin_here,another]: add that.\n")
+
+
+def test_a_run_asks_for_no_plugin_that_is_named_already(
+    run_of_a_plugin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("plugin_here", "another"):
+        Path(f"{name}.py").write_text("")
+    assert cli.main(["evaluate", f"checkpoint={run_of_a_plugin}", "plugins=[plugin_here]"]) == 2
+    assert capsys.readouterr().err.endswith(" plugins=[another]: add that.\n")
+    assert cli.main(["evaluate", f"checkpoint={run_of_a_plugin}", "plugins=[another]"]) == 2
+    assert capsys.readouterr().err.endswith(f"{OF_YOUR_OWN}\n")
+    (run_of_a_plugin / "manifest.json").write_text("{")
+    monkeypatch.setenv(PLUGINS_VARIABLE, "")
+    assert cli.main(["evaluate", f"checkpoint={run_of_a_plugin}"]) == 2
+    assert capsys.readouterr().err.endswith(f"{OF_YOUR_OWN}\n")
