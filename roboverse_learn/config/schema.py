@@ -99,8 +99,8 @@ class EvaluationConfig:
         videos: Videos of successes, and as many of failures, kept of each level.
         materials: Folder of images in place of the built-in materials; with a plus before it, as in
             materials=+images, beside them. 10 % of its images are of the test split.
-        other_tasks: Evaluate a policy also in tasks that it did not learn, as with suite=grasp/unseen; not an
-            agent of reinforcement learning, whose observations mean something else there.
+        other_tasks: Evaluate a policy of demonstrations also in tasks that it did not learn, as with
+            suite=grasp/unseen.
     """
 
     levels: tuple[int, ...] = LEVELS
