@@ -4,8 +4,9 @@ An **entry** is one budget, the same for every task, and demonstrations of the e
 preset. A preset counts where its
 keys were left as they are, or where two tasks or more learned with one budget at one level. Everything else
 that was trained is a **study**: other numbers of demonstrations or steps, ablations, a task that was not
-learned, a checkpoint of another program. A recipe of several tasks is an entry in unseen tasks, too, which is
-what a set such as ``grasp/unseen`` is for. A **baseline** was not trained. Success decides none of this.
+learned, a checkpoint of another program. A recipe of several tasks of a set such as ``grasp/`` is an entry in
+the unseen tasks of that set, too, which they are for. A **baseline** was not trained. Success decides none of
+this.
 """
 
 import re
@@ -119,11 +120,18 @@ def is_foreign(result: Result) -> bool:
     return not is_baseline(result) and "train" not in trained_with(result) and not result.recipe
 
 
+def _is_of_its_set(result: Result) -> bool:
+    """Returns whether a recipe of several tasks was tested in another one of their set, as in ``grasp/``."""
+    tasks = (result.env.task, *result.train_tasks)
+    sets = {task.partition("/")[0] for task in tasks if "/" in task}
+    return bool(result.recipe) and len(tasks) > 2 and len(sets) == 1 and all("/" in task for task in tasks)
+
+
 def _budget_key(result: Result, train: Mapping[str, Any]) -> str | None:
     """Returns what the results of one entry share, whatever the task, level and seed; None for studies."""
     trained = trained_with(result)
     preset = trained.get("preset")
-    if is_of_other_task(result) and not (result.recipe and len(result.train_tasks) > 1):
+    if is_of_other_task(result) and not _is_of_its_set(result):
         return None
     if result.recipe:
         return canonical_json(["recipe", result.policy, result.recipe, sorted(result.train_tasks)])

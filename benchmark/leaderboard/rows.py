@@ -204,10 +204,9 @@ def policy_label(result: Result) -> str:
     others = _learned_with(result).get("learned_with", [])
     if not others:
         return label
-    if len(others) > _NAMED_TASKS:
-        return f"{label}, learned with {len(others)} further tasks"
-    how = "trained on" if is_of_other_task(result) else "learned with"
-    return f"{label}, {how} {' and '.join(others)}"
+    how, kind = ("trained on", "other") if is_of_other_task(result) else ("learned with", "further")
+    many = len(others) > _NAMED_TASKS
+    return f"{label}, {how} {f'{len(others)} {kind} tasks' if many else ' and '.join(others)}"
 
 
 def _run(path: str, result: Result) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from rich.text import Text
 from benchmark.chain_results import FILE
 from roboverse_learn.commands.checkpoint_names import checkpoint_name
 from roboverse_learn.commands.report import board_paths, listed_paths
-from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoints_to_test
+from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, to_test
 from roboverse_learn.commands.tested_policy import load_policy, view_of
 from roboverse_learn.config.schema import EvaluateConfig
 from roboverse_learn.config.serialize import from_values, to_values
@@ -56,10 +56,12 @@ def chains_report(scores: "ChainScores", path: Path, board: Mapping[str, Path]) 
 
 
 def _tested(config: EvaluateConfig, task: str) -> TestedCheckpoint:
-    """Returns the checkpoint, or the baseline, in a task of the scene in which chains are."""
+    """Returns the checkpoint, or the baseline, in a task of the scene in which chains are.
+
+    That one task says nothing of what a chain asks for: a run of other scenes is tested in this one, too.
+    """
     values = to_values(config) | {"suite": "", "chains": 0, "first_chain": 0, "task": task}
-    (tested,) = checkpoints_to_test(from_values("evaluate", values))
-    return tested
+    return to_test(from_values("evaluate", values))
 
 
 def _label(config: EvaluateConfig, tested: TestedCheckpoint) -> str:

@@ -43,7 +43,8 @@ def _scene(metadata: Mapping[str, Any], robot_type: str | None) -> str:
     if "task" not in metadata:
         return ""
     robot = metadata.get("robot") or robot_type
-    varied = f"only {metadata['only']}" if metadata.get("only") else f"level {metadata.get('level', 0)}"
+    varied = f"only {metadata['only']}" if metadata.get("only") else ""
+    varied = f"level {metadata['level']}" if metadata.get("level") is not None else varied
     options = "".join(f" {key}={value}" for key, value in (metadata.get("task_kwargs") or {}).items())
     renderer, simulator = metadata.get("renderer"), metadata.get("simulator")
     parts = [
@@ -63,7 +64,8 @@ def _source(metadata: Mapping[str, Any]) -> str:
         return f"retargeted from {robot}"
     if "look" in metadata:
         return "rendered again"
-    return {"augment": "augmented", "teleop": "teleoperated"}.get(str(metadata.get("source")), "")
+    source = str(metadata.get("source") or "")
+    return {"": "", "augment": "augmented", "teleop": "teleoperated"}.get(source, f"from {source}")
 
 
 def _numbers(feature: Mapping[str, Any]) -> str:

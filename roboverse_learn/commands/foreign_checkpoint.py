@@ -99,25 +99,27 @@ def check_fits(checkpoint: Path, env: EnvSpec, rename_map: Mapping[str, str]) ->
         return
     features, _, robot = task_layout(CollectConfig(env=replace(env, scenario={})))
     if kind not in ANY_SIZE:
-        _check_images(content["input_features"], features, env)
+        _check_images(content["input_features"], features)
     if not getattr(policies.config_class(kind), "pads_tasks", False):
         _check_widths(kind, content, features, env.task, robot)
 
 
-def _check_images(own: Mapping[str, Any], features: Mapping[str, Any], env: EnvSpec) -> None:
+def _check_images(own: Mapping[str, Any], features: Mapping[str, Any]) -> None:
     """Checks that the images of a policy that resizes none are those of the environment."""
-    learned = {key: list(each["shape"])[-2:] for key, each in own.items() if key.startswith(IMAGE_PREFIX)}
-    given = {key: features[key]["shape"][:2] for key in learned if key in features}
-    if learned == given:
-        return
-    names = [key.removeprefix(IMAGE_PREFIX) for key in learned]
-    sizes = sorted({str(side) for shape in learned.values() for side in shape})
-    raise ConfigError(
-        f"The policy was trained with cameras=[{','.join(names)}] image_size={' and '.join(sizes)}, and the "
-        f"evaluation has cameras=[{','.join(env.cameras or task_cameras(env)[:1])}] "
-        f"image_size={env.image_size}. Leave both out to evaluate it as it was trained, or train one with "
-        "these."
-    )
+    learned = {key: tuple(each["shape"])[-2:] for key, each in own.items() if key.startswith(IMAGE_PREFIX)}
+    here = {key: tuple(each["shape"][:2]) for key, each in features.items() if key.startswith(IMAGE_PREFIX)}
+    if any(here.get(key) != size for key, size in learned.items()):
+        raise ConfigError(
+            f"The policy was trained with the images {_sizes(learned)} (height × width), and those of the "
+            f"evaluation are {_sizes(here)}. Leave out cameras and image_size where its run is there, or "
+            "give those of training; image_size is the shorter side. Types of policy=lerobot may resize them."
+        )
+
+
+def _sizes(images: Mapping[str, tuple[int, ...]]) -> str:
+    """Describes images: ``front 96 × 96, wrist 96 × 96``."""
+    each = (f"{key.removeprefix(IMAGE_PREFIX)} {' × '.join(map(str, size))}" for key, size in images.items())
+    return ", ".join(each) or "none"
 
 
 def _check_widths(

@@ -5,6 +5,9 @@ from pathlib import Path
 from envs.core.errors import PolicyError
 from roboverse_learn.config.schema import TrainRunConfig
 
+_MOST_NAMED = 5
+"""Learned tasks that an error names; a suite has a hundred."""
+
 
 def known_tasks(checkpoint: Path) -> tuple[str, ...]:
     """Returns the tasks that a checkpoint was trained on; none where nothing is known of them.
@@ -50,11 +53,13 @@ def check_run_learned(checkpoint: Path, task: str, *, other_tasks: bool) -> None
     learned = known_tasks(checkpoint)
     if other_tasks or not learned or task in learned:
         return
+    shown, more = learned[:_MOST_NAMED], len(learned) - _MOST_NAMED
+    further = f" and {more} more" if more > 0 else ""
     raise PolicyError(
         f"Checkpoint '{checkpoint}' of policy '{policy_type(checkpoint)}' learned the "
-        f"task{'s' * (len(learned) > 1)} {' and '.join(learned)}, not {task}. "
-        f"Give task={' or task='.join(learned)}, or train it on {task}, or evaluate it there nevertheless "
-        "with other_tasks=true, as a study."
+        f"task{'s' * (len(learned) > 1)} {(', ' if further else ' and ').join(shown)}{further}, not {task}. "
+        f"Give task={' or task='.join(shown)}, or train it on {task}, or evaluate it there nevertheless "
+        "with other_tasks=true."
     )
 
 

@@ -96,7 +96,7 @@ def of_its_plugins(error: UnknownNameError, folder: Path) -> UnknownNameError:
     """
     here = os.environ.get(PLUGINS_VARIABLE, "").split(",")
     lacking = [name for name in _plugins_of(folder) if name not in here]
-    if not lacking:
+    if not lacking or not str(error).endswith(OF_YOUR_OWN):  # as an option that is gone by now does
         return UnknownNameError(str(error))
     said = str(error).removesuffix(OF_YOUR_OWN).rstrip()
     return UnknownNameError(f"{said} '{folder}' was trained with plugins=[{','.join(lacking)}]: add that.")

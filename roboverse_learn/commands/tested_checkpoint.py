@@ -119,12 +119,17 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
     elif config.checkpoint:
         tasks = learned_together(Path(config.checkpoint))
     each = [replace(config, env={**config.env, "task": task}) for task in tasks] or [config]
-    found = [checkpoint_to_test(one) if one.checkpoint else _baseline(one) for one in each]
+    found = [to_test(one) for one in each]
     for tested in found:
         if tested.checkpoint is not None:
             asked = config.evaluate.other_tasks
             check_run_learned(tested.checkpoint, tested.env.task, other_tasks=asked)
     return found
+
+
+def to_test(config: EvaluateConfig) -> TestedCheckpoint:
+    """Returns the checkpoint, or the baseline, in the task that is named, whatever the run learned."""
+    return checkpoint_to_test(config) if config.checkpoint else _baseline(config)
 
 
 def checkpoint_to_test(config: EvaluateConfig) -> TestedCheckpoint:

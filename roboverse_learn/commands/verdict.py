@@ -10,6 +10,9 @@ type Report = Mapping[str, Mapping[str, Any]]
 DECODER = "pyav"
 """What reads the videos of datasets by default."""
 
+_FAILED = "failed"
+"""Key of the reason why a part of the report, or one of its facts, is not there."""
+
 
 def verdict(report: Report) -> str:
     """Returns in one line what matters in a report of :func:`roboverse_learn.doctor.diagnose`."""
@@ -36,17 +39,18 @@ def _broken(report: Report) -> Iterator[tuple[str, str]]:
     if unknown := report.get("plugins", {}).get("cannot be imported"):
         yield "plugins", unknown
     for what, facts in needed.items():
-        if isinstance(facts.get("failed"), str):
-            yield what, facts["failed"]
+        if isinstance(facts, Mapping) and isinstance(facts.get(_FAILED), str):
+            yield what, facts[_FAILED]
 
 
 def _unusable(report: Report) -> Iterator[str]:
     """Yields what is optional and fails, or is not installed."""
-    missing = [name for name, state in report.get("extras", {}).items() if state != "installed"]
+    extras = {name: state for name, state in report.get("extras", {}).items() if name != _FAILED}
+    missing = [name for name, state in extras.items() if state != "installed"]
     failed = [
         name
         for name, facts in report.get("renderers", {}).items()
-        if name != EnvSpec().renderer and name not in missing and "failed" in facts
+        if name not in (EnvSpec().renderer, *missing) and isinstance(facts, Mapping) and _FAILED in facts
     ]
     for kind, names in (("renderers", failed), ("extras", missing)):
         if names:

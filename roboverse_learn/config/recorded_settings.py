@@ -7,12 +7,13 @@ from typing import Any
 from roboverse_learn.config.command_line_keys import FROM
 from roboverse_learn.config.serialize import env_keys, task_names
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
-from roboverse_learn.data.dataset.schema import INFO_PATH
+from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, INFO_PATH
 
 _SCENE = ("task", "task_kwargs", "robot", "scenario")
 """Fields of the environment that episodes of a merged or edited dataset still name."""
 
-_IMAGES = ("cameras", "image_size")
+_HAS_IMAGES = ("preset", "recipe", "run")
+"""Keys that decide which images there are, where nobody names cameras or an image size."""
 
 
 def values_of_dataset(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -20,20 +21,34 @@ def values_of_dataset(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
     Args:
         command: Its name. ``train dataset=`` takes the scene and the images, but for a suite, which names its
-            tasks itself. ``collect from=`` takes the images, so that what is made of demonstrations can be
-            merged with them; a preset that is given has images of its own.
+            tasks itself. ``collect from=`` and ``train from=`` take the images, so that what is made of
+            demonstrations can be merged with them; a preset, a recipe or a run that is given has its own.
         given: What is typed, by key.
+
+    Raises:
+        DatasetError: The dataset is damaged, or has no episode.
     """
-    if command == "collect" and "preset" not in given:
-        origin = str(given.get("from") or given.get(FROM) or "")
-        recorded = recorded_values(origin, []) if origin else {}
-        return {key: recorded[key] for key in _IMAGES if key in recorded}
-    if command != "train" or not given.get("dataset") or given.get("suite"):
+    origin = str(given.get("from") or given.get(FROM) or "")
+    if command == "train" and given.get("dataset"):
+        if given.get("suite"):
+            return {}
+        tasks = task_names(given["task"]) if given.get("task") else []
+        of_another = {"level": "only", "only": "level"}  # a scene varies by one of them
+        recorded = recorded_values(str(given["dataset"]), tasks)
+        return {key: value for key, value in recorded.items() if of_another.get(key) not in given}
+    if command in ("collect", "train") and origin and not any(given.get(key) for key in _HAS_IMAGES):
+        return _images(Path(origin))
+    return {}
+
+
+def _images(root: Path) -> dict[str, Any]:
+    """Returns the cameras and the image size of a dataset; nothing where it has none, or of two sizes."""
+    if not (root / INFO_PATH).is_file():
         return {}
-    tasks = task_names(given["task"]) if given.get("task") else []
-    of_another = {"level": "only", "only": "level"}  # a scene varies by one of them
-    recorded = recorded_values(str(given["dataset"]), tasks)
-    return {key: value for key, value in recorded.items() if of_another.get(key) not in given}
+    info = DatasetInfo.open(root)
+    shapes = {key.removeprefix(IMAGE_PREFIX): info.shapes[key] for key in info.camera_keys}
+    sizes = {min(height, width) for height, width, _ in shapes.values()}
+    return {"cameras": [*shapes], "image_size": sizes.pop()} if len(sizes) == 1 else {}
 
 
 def recorded_values(folder: str, tasks: Sequence[str]) -> dict[str, Any]:

@@ -204,11 +204,14 @@ def test_a_task_that_was_not_learned_is_a_study_and_makes_no_entry_of_another(pu
     assert kinds(tmp_path) == {"cube": "study", "moved": "study", "again": "study"}
 
 
-def test_a_recipe_of_one_task_is_no_entry_of_another_and_one_of_several_is(publish, tmp_path):
+def test_a_recipe_is_no_entry_of_another_task_but_in_the_set_of_its_several(publish, tmp_path):
     publish(run="cube")
     publish(run="moved", task="StackCube", train_tasks=("PickCube",))
     publish(run="several", task="grasp/unseen/a", train_tasks=("grasp/few/a", "grasp/few/b"))
-    assert kinds(tmp_path) == {"cube": "entry", "moved": "study", "several": "entry"}
+    publish(run="elsewhere", task="StackCube", train_tasks=("PickCube", "CloseBox"))
+    publish(run="of_another_set", task="libero/a", train_tasks=("grasp/few/a", "grasp/few/b"))
+    expected = {"cube": "entry", "moved": "study", "several": "entry"}
+    assert kinds(tmp_path) == expected | {"elsewhere": "study", "of_another_set": "study"}
 
 
 def test_the_task_of_a_run_of_a_given_dataset_is_not_known_to_be_learned(publish, tmp_path):

@@ -133,3 +133,8 @@ def test_a_row_in_a_task_that_was_not_learned_names_the_one_that_was(publish, tm
 def test_a_row_in_a_task_beside_those_that_were_learned_says_on_which(publish, tmp_path):
     publish(task="StackCube", train_tasks=("PickCube", "CloseBox"))
     assert [row["label"] for row in rows(tmp_path)] == ["act, trained on CloseBox and PickCube"]
+
+
+def test_a_row_in_a_task_beside_many_that_were_learned_says_how_many(publish, tmp_path):
+    publish(task="StackCube", train_tasks=("PickCube", "CloseBox", "NutAssembly", "DoorClose"))
+    assert [row["label"] for row in rows(tmp_path)] == ["act, trained on 4 other tasks"]

@@ -48,13 +48,15 @@ def test_scene_numbers_cameras_and_instructions_are_named(lines):
         ({"source": "teleop"}, "rendered by warp, teleoperated$"),
         ({"source_robot": "franka"}, "rendered by warp, retargeted from franka$"),
         ({"look": 1}, "rendered by warp, rendered again$"),
+        ({"source": "robosuite"}, "rendered by warp, from robosuite$"),
+        ({"level": None}, "^1 episode of PickCube with ur5e, train split"),
     ],
 )
 def test_an_episode_says_what_it_is_of_and_what_made_it(lines, facts, said):
     assert said in f"^{lines(SCENE | facts)[0]}$"
 
 
-def test_scenes_of_a_merged_dataset_are_counted_and_many_are_cut(lines):
+def test_scenes_of_a_merged_dataset_are_counted_the_most_frequent_first(lines):
     found = lines(*[SCENE | {"level": level} for level in (0, 3, 3)])
     assert found[0].startswith("2 episodes of PickCube with ur5e, level 3")
     assert found[1].startswith("1 episode of PickCube with ur5e, level 0")

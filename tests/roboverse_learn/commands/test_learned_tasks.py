@@ -10,6 +10,7 @@ import yaml
 
 from envs.core.errors import PolicyError
 from envs.tasks.suites import SUITES
+from roboverse_learn.commands import chains, learned_tasks
 from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.commands.suite import evaluate_suite
 from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoints_to_test
@@ -51,9 +52,27 @@ def test_a_task_that_a_run_did_not_learn_is_refused_with_what_to_type(run: Path)
         all_to_test(run, "task=StackCube")
     said = str(error.value)
     assert "of policy 'act' learned the task PickCube, not StackCube. Give task=PickCube, or train" in said
-    assert "or evaluate it there nevertheless with other_tasks=true, as a study" in said
+    assert "or evaluate it there nevertheless with other_tasks=true." in said
     with pytest.raises(PolicyError, match="learned the task PickCube, not StackCube"):
         all_to_test(run / "checkpoints/000100", "task=[PickCube,StackCube]")
+
+
+def test_many_learned_tasks_are_named_in_part(run: Path) -> None:
+    names = tuple(f"task{index}" for index in range(9))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learned_tasks, "known_tasks", lambda _: names)
+        with pytest.raises(
+            PolicyError, match=r"the tasks task0, .*, task4 and 4 more, not StackCube\. Give"
+        ) as said:
+            learned_tasks.check_run_learned(
+                run / "checkpoints/last/pretrained_model", "StackCube", other_tasks=False
+            )
+    assert "task5" not in str(said.value)
+
+
+def test_chains_are_run_whatever_scene_was_learned(run: Path) -> None:
+    config = compose("evaluate", [f"checkpoint={run}", "device=cpu"])
+    assert chains._tested(config, "StackCube").env.task == "StackCube"
 
 
 def test_another_task_that_is_asked_for_names_the_one_that_was_learned(run: Path) -> None:

@@ -8,7 +8,7 @@ from envs.core.atomic import write_json
 from roboverse_learn.config.compose import compose
 from roboverse_learn.data import DatasetWriter
 from roboverse_learn.data.dataset.schema import COLLECTION_PATH
-from tests.roboverse_learn.data.synthetic_episodes import FEATURES, make_episode
+from tests.roboverse_learn.data.synthetic_episodes import FEATURES, SIZE, make_episode
 
 SETTINGS = {
     "task": "StackCube",
@@ -127,21 +127,31 @@ def test_a_run_that_goes_on_keeps_its_own_settings(write, tmp_path):
     assert compose("train", [run, dataset]).env == first.env
 
 
+@pytest.mark.parametrize("command", ["collect", "train"])
 @pytest.mark.parametrize("source", ["augment", "retarget", "rerender"])
-def test_what_is_made_of_demonstrations_has_their_images_and_no_other_setting_of_theirs(write, source):
-    settings = SETTINGS | {"cameras": ["front", "wrist"], "scenario": {}}
-    origin = write({}, settings=settings).replace("dataset=", "from=")
+def test_what_is_made_of_demonstrations_has_their_images_and_no_other_setting_of_theirs(
+    write, command, source
+):
+    origin = write({}, settings=SETTINGS | {"scenario": {}}).replace("dataset=", "from=")
     words = [f"source={source}", origin, "task=StackCube"]
-    made = compose("collect", words).env
-    assert (made.cameras, made.image_size) == (("front", "wrist"), 48)
-    assert (made.robot, made.level, made.renderer) == ("", 0, compose("collect", []).env.renderer)
-    other = compose("collect", [*words, "cameras=[front]", "image_size=32"]).env
-    assert (other.cameras, other.image_size) == (("front",), 32)
-    of_preset = compose("collect", ["task=StackCube", "preset=quick"]).env
-    chosen = compose("collect", [*words, "preset=quick"]).env
+    made, usual = compose(command, words).env, compose(command, ["task=StackCube"]).env
+    assert (made.cameras, made.image_size) == (("front",), SIZE)
+    assert (made.robot, made.level, made.renderer) == ("", 0, usual.renderer)
+    other = compose(command, [*words, "cameras=[wrist]", "image_size=48"]).env
+    assert (other.cameras, other.image_size) == (("wrist",), 48)
+    of_preset = compose(command, ["task=StackCube", "preset=quick"]).env
+    chosen = compose(command, [*words, "preset=quick"]).env
     assert (chosen.cameras, chosen.image_size) == (of_preset.cameras, of_preset.image_size)
+
+
+def test_images_of_a_merged_dataset_are_taken_too_and_those_of_none_are_the_usual(write, tmp_path):
+    words = ["source=augment", "task=StackCube"]
+    merged = compose("collect", [*words, write({}).replace("dataset=", "from=")]).env
+    assert (merged.cameras, merged.image_size) == (("front",), SIZE)
+    absent = compose("collect", [*words, f"from={tmp_path / 'absent'}"]).env
+    assert (absent.cameras, absent.image_size) == ((), 256)
 
 
 def test_a_program_names_the_demonstrations_by_the_fields_name(write):
     given = {"from_dataset": write({}, settings=SETTINGS).removeprefix("dataset=")}
-    assert compose("collect", ["source=augment", "task=StackCube"], given).env.image_size == 48
+    assert compose("collect", ["source=augment", "task=StackCube"], given).env.image_size == SIZE
