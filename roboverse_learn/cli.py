@@ -25,6 +25,7 @@ from roboverse_learn.commands.child_process import end_with_parent
 from roboverse_learn.commands.interrupted_import import interrupts_of_imports
 from roboverse_learn.commands.sigterm import sigterm_interrupts
 from roboverse_learn.config import help as help_texts
+from roboverse_learn.config.command_line_keys import plugin_names
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.preflight import check_folders, check_working_folder
 from roboverse_learn.training.interruption import Interrupted
@@ -218,12 +219,12 @@ def _without_plugins(words: list[str]) -> list[str]:
     Raises:
         ConfigError: One of them cannot be imported.
     """
-    given = [word.removeprefix("plugins=").strip("[]") for word in words if word.startswith("plugins=")]
-    if given:
-        named = ",".join([os.environ.get(PLUGINS_VARIABLE, ""), *given]).replace(" ", "").split(",")
-        os.environ[PLUGINS_VARIABLE] = ",".join(dict.fromkeys(filter(None, named)))
+    others = [word for word in words if not word.startswith("plugins=")]
+    if len(others) < len(words):
+        before = f"plugins={os.environ.get(PLUGINS_VARIABLE, '')}"
+        os.environ[PLUGINS_VARIABLE] = ",".join(plugin_names([before, *words]))
         load_plugins()
-    return [word for word in words if not word.startswith("plugins=")]
+    return others
 
 
 def _named(words: list[str], *keys: str) -> list[str]:

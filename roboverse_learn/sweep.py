@@ -8,7 +8,6 @@ sweep that was stopped. ``recipe=<name>`` makes the leaderboard's table.
 import itertools
 import json
 import logging
-import os
 import shlex
 import time
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from typing import Any
 import policies
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, RoboVerseError, unknown_name
-from envs.core.registry import PLUGINS_VARIABLE
+from envs.core.registry import plugins_word
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
 from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
@@ -126,8 +125,8 @@ def sweep(the_sweep: Sweep) -> Any:
     if the_sweep.config.dry_run and the_sweep.config.recipe:
         return table(the_sweep)
     if the_sweep.config.dry_run:
-        plugins = os.environ.get(PLUGINS_VARIABLE, "")
-        named = " " + shlex.quote(f"plugins=[{plugins}]") if plugins else ""
+        word = plugins_word()
+        named = f" {shlex.quote(word)}" if word else ""
         return "\n".join(
             [f"# complete: {folder}" for folder in complete] + [job.command + named for job in jobs]
         )

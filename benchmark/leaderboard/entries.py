@@ -122,9 +122,9 @@ def is_foreign(result: Result) -> bool:
 
 def _is_of_its_set(result: Result) -> bool:
     """Returns whether a recipe of several tasks was tested in another one of their set, as in ``grasp/``."""
-    tasks = (result.env.task, *result.train_tasks)
-    sets = {task.partition("/")[0] for task in tasks if "/" in task}
-    return bool(result.recipe) and len(tasks) > 2 and len(sets) == 1 and all("/" in task for task in tasks)
+    sets = {task.partition("/")[0] for task in (result.env.task, *result.train_tasks)}
+    in_a_set = "/" in result.env.task and len(sets) == 1
+    return bool(result.recipe) and len(result.train_tasks) > 1 and in_a_set
 
 
 def _budget_key(result: Result, train: Mapping[str, Any]) -> str | None:

@@ -258,7 +258,7 @@ def registered_by_hand() -> list[str]:
 
     A script, or a module that it imports, has registered them.
     """
-    plugins = {name.partition(".")[0] for name in os.environ.get(PLUGINS_VARIABLE, "").split(",")}
+    plugins = {name.partition(".")[0] for name in named_plugins()}
     everywhere = plugins | _OURS
     return sorted(name for name, by in _ADDED_BY.items() if by.partition(".")[0] not in everywhere)
 
@@ -287,7 +287,7 @@ def load_plugins() -> None:
         ConfigError: One of them cannot be imported; the others are.
     """
     errors: list[RoboVerseError] = []
-    for name in _named_plugins():
+    for name in named_plugins():
         try:
             _load_plugin(name)
         except RoboVerseError as error:
@@ -302,14 +302,14 @@ def leave_out_broken_plugins() -> dict[str, str]:
     Returns:
         Why each cannot be imported, by its name, with those that this process left out before.
     """
-    for name in _named_plugins():
+    for name in named_plugins():
         _LEFT_OUT.pop(name, None)
         try:
             _load_plugin(name)
         except RoboVerseError as error:
             _LEFT_OUT[name] = f"{error} The environment variable {PLUGINS_VARIABLE} names it."
     if _LEFT_OUT:
-        os.environ[PLUGINS_VARIABLE] = ",".join(name for name in _named_plugins() if name not in _LEFT_OUT)
+        os.environ[PLUGINS_VARIABLE] = ",".join(name for name in named_plugins() if name not in _LEFT_OUT)
     return dict(_LEFT_OUT)
 
 
@@ -317,8 +317,15 @@ _LEFT_OUT: dict[str, str] = {}
 """Plugin to why it cannot be imported, of those that were left out."""
 
 
-def _named_plugins() -> list[str]:
+def named_plugins() -> list[str]:
+    """Returns the modules that :data:`PLUGINS_VARIABLE` names."""
     return list(filter(None, os.environ.get(PLUGINS_VARIABLE, "").split(",")))
+
+
+def plugins_word() -> str:
+    """Returns the word by which another command knows the same plugins, ``plugins=[a,b]``; empty for none."""
+    named = named_plugins()
+    return f"plugins=[{','.join(named)}]" if named else ""
 
 
 def _load_plugin(name: str) -> None:

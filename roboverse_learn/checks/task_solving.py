@@ -1,12 +1,11 @@
 """Contracts of what solving a task means: success, reward, expert and random actions."""
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
 import torch
 
-from envs.core.registry import PLUGINS_VARIABLE
+from envs.core.registry import plugins_word
 from envs.joint_readings import joint_readings
 from envs.scenario import RobotCfg
 from roboverse_learn.checks.checked_task import CheckedTask
@@ -85,13 +84,11 @@ def expert_solves(checked: CheckedTask) -> str:
     count = len(checked.rollouts)
     failed = [str(episode.position) for episode in checked.rollouts if not episode.success]
     seen = f"{solved} of {count} starts"
-    plugins = os.environ.get(PLUGINS_VARIABLE, "")
-    named = f" plugins=[{plugins}]" if plugins else ""
     require(
         solved >= checked.required * count,
         f"The expert solved {seen}, less than {100 * checked.required:g} %. Look at one that "
         f"failed ({', '.join(failed[:8])}): roboverse view task={checked.spec.task} split=test "
-        f"episode={(failed or ['0'])[0]}{named}",
+        f"episode={(failed or ['0'])[0]} {plugins_word()}".rstrip(),
     )
     return seen
 

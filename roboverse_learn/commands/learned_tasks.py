@@ -1,5 +1,6 @@
 """The tasks that a checkpoint was trained on, as far as it, or its run, says so."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from envs.core.errors import PolicyError
@@ -37,11 +38,12 @@ def learned_together(checkpoint: Path) -> tuple[str, ...]:
     return learned if len(learned) > 1 else ()
 
 
-def check_run_learned(checkpoint: Path, task: str, *, other_tasks: bool) -> None:
+def check_run_learned(checkpoint: Path, learned: Sequence[str], task: str, *, other_tasks: bool) -> None:
     """Refuses a task that the run of a checkpoint did not train.
 
     Args:
         checkpoint: The pretrained folder.
+        learned: The tasks that it is known to have learned.
         task: The task that it is to be evaluated in.
         other_tasks: Whether that is wanted all the same.
 
@@ -50,7 +52,6 @@ def check_run_learned(checkpoint: Path, task: str, *, other_tasks: bool) -> None
     """
     from policies.checkpoint import policy_type
 
-    learned = known_tasks(checkpoint)
     if other_tasks or not learned or task in learned:
         return
     shown, more = learned[:_MOST_NAMED], len(learned) - _MOST_NAMED

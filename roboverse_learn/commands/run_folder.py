@@ -9,7 +9,6 @@ of another program takes the place of the task.
 import contextlib
 import json
 import logging
-import os
 import shlex
 import time
 from collections.abc import Iterator, Mapping
@@ -23,10 +22,11 @@ from filelock import BaseFileLock
 from envs.core.atomic import write_file
 from envs.core.errors import ConfigError, LockedError, MissingAssetError, RoboVerseError, UnknownNameError
 from envs.core.fingerprint import digest
-from envs.core.registry import OF_YOUR_OWN, PLUGINS_VARIABLE
+from envs.core.registry import OF_YOUR_OWN, named_plugins
 from policies.checkpoint import HASHES, of_steps
 from roboverse_learn.commands.run_identity import changes, changes_of_result, is_of_others, run_name
 from roboverse_learn.commands.scene_labels import fit_for_a_file
+from roboverse_learn.config.command_line_keys import plugin_names
 from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.config.serialize import from_values, to_values
 from roboverse_learn.folder_lock import lock_directory
@@ -94,8 +94,7 @@ def of_its_plugins(error: UnknownNameError, folder: Path) -> UnknownNameError:
         error: What is unknown.
         folder: The run's folder.
     """
-    here = os.environ.get(PLUGINS_VARIABLE, "").split(",")
-    lacking = [name for name in _plugins_of(folder) if name not in here]
+    lacking = [name for name in _plugins_of(folder) if name not in named_plugins()]
     if not lacking or not str(error).endswith(OF_YOUR_OWN):  # as an option that is gone by now does
         return UnknownNameError(str(error))
     said = str(error).removesuffix(OF_YOUR_OWN).rstrip()
@@ -106,11 +105,9 @@ def _plugins_of(folder: Path) -> list[str]:
     """Returns the plugins that the commands of a run named; none where its manifest cannot be read."""
     try:
         starts = json.loads((folder / MANIFEST_FILE).read_text())["starts"]
-        words = [word for start in starts for word in shlex.split(start["command"])]
+        return plugin_names(word for start in starts for word in shlex.split(start["command"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return []
-    given = [word.removeprefix("plugins=").strip("[]") for word in words if word.startswith("plugins=")]
-    return list(dict.fromkeys(filter(None, ",".join(given).replace(" ", "").split(","))))
 
 
 def run_of(checkpoint: Path) -> Path | None:

@@ -122,8 +122,8 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
     found = [to_test(one) for one in each]
     for tested in found:
         if tested.checkpoint is not None:
-            asked = config.evaluate.other_tasks
-            check_run_learned(tested.checkpoint, tested.env.task, other_tasks=asked)
+            given, asked = tested.training.tasks, config.evaluate.other_tasks
+            check_run_learned(tested.checkpoint, given, tested.env.task, other_tasks=asked)
     return found
 
 

@@ -42,6 +42,12 @@ MAPS = ("rename_map", "policy.rename_map")
 """Keys whose value is a map, given as a whole: ``rename_map={front:camera1}``, or as JSON."""
 
 
+def plugin_names(words: Iterable[str]) -> list[str]:
+    """Returns the plugins that words name, as ``plugins=[a,b]`` does, each once."""
+    given = [word.removeprefix("plugins=").strip("[]") for word in words if word.startswith("plugins=")]
+    return list(dict.fromkeys(filter(None, ",".join(given).replace(" ", "").split(","))))
+
+
 def flat_keys(values: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Returns the dotted key of every leaf; an open section is a leaf."""
     return list(flat(values, prefix, (*OPEN, *MAPS)))
