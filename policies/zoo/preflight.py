@@ -65,17 +65,17 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
 
     Raises:
         MissingExtraError: if a package is not installed.
-        PolicyError: if neither type nor checkpoint is given, if the checkpoint is not there, of another type,
-            or sees other cameras, or if LeRobot cannot train the type, or cannot act with it, without a
-            setting that is absent.
+        PolicyError: if neither type nor checkpoint is given, if the checkpoint is not there, not LeRobot's,
+            of another type, or sees other cameras, or if LeRobot cannot train the type, or cannot act with
+            it, without a setting that is absent.
         UnknownNameError: if a name of ``rename_map`` is no camera.
     """
     name, content = config.type, None
     if config.path:
         folder = local_folder(config.path)
         content = checkpoint.read_json(folder / checkpoint.CONFIG)
+        name = _type_in(content, config.path)
         read_assets(folder)  # says what is missing
-        name = str(content.get("type"))
         if config.type not in ("", name):
             raise PolicyError(
                 f"'{config.path}' is of type {name}, and type={config.type} was given. Leave out type."
@@ -96,6 +96,20 @@ def check_lerobot(config: LeRobotConfig, features: Mapping[str, Any]) -> None:
     check_rename_map(config.rename_map, name, own, cameras, cameras, "the dataset")
     if content is not None:
         _check_features(name, content, features, full_rename_map(config.rename_map))
+
+
+def _type_in(content: Mapping[str, Any], path: str) -> str:
+    """Returns the type of a checkpoint of LeRobot's; GR00T's own and those of plain networks have none."""
+    name = content.get("type")
+    if isinstance(name, str):
+        return name
+    kind = content.get("model_type")
+    raise PolicyError(
+        f"'{path}' is no checkpoint of LeRobot's: its config.json has no type"
+        f"{f', and its model_type is {kind}' if kind else ''}. Give a folder that LeRobot or this project "
+        "saved. A network that a type begins with is given by a setting of that type, as in type=groot "
+        f"policy.base_model_path={path}, or type=smolvla policy.vlm_model_name={path}."
+    )
 
 
 def _check_trainable(name: str, settings: Mapping[str, Any]) -> None:

@@ -259,6 +259,22 @@ class TestPreflight:
         with pytest.raises(PolicyError, match="is of type smolvla, and type=xvla was given"):
             check(f"policy.path={foreign}", "type=xvla")
 
+    @pytest.mark.parametrize(
+        ("content", "said"),
+        [
+            ({}, r"'gr00t' is no checkpoint of LeRobot's: its config\.json has no type\. Give"),
+            ({"model_type": "gr00t_n1_5"}, r"has no type, and its model_type is gr00t_n1_5\. Give"),
+        ],
+    )
+    def test_a_network_of_another_program_is_given_as_what_a_type_begins_with(
+        self, content, said, tmp_path, monkeypatch
+    ):
+        monkeypatch.chdir(tmp_path)
+        write(tmp_path / "gr00t", **content)
+        (tmp_path / "gr00t" / "model.safetensors").write_bytes(b"weights")
+        with pytest.raises(PolicyError, match=said + r".* type=groot policy\.base_model_path=gr00t"):
+            check("policy.path=gr00t")
+
     def test_a_setting_that_lerobots_preset_decides_is_refused(self):
         check("type=vqbet", "preset=gpu")
         for word in ("train.lr=1e-3", "train.betas=[0.5,0.9]"):
