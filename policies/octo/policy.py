@@ -15,12 +15,10 @@ import torch
 from lerobot.configs import FeatureType
 from torch import Tensor, nn
 
-from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
 from policies import checkpoint
 from policies.base import Observation
-from policies.imitation import ACTION, ImitationPolicy
-from policies.learned_tasks import TASK_INDEX, Instructions
+from policies.imitation import ACTION
 from policies.lerobot_policy import policy_features
 from policies.objective import Loss, Objective, Preprocess
 from policies.octo.config import OctoConfig
@@ -30,29 +28,26 @@ from policies.octo.network import Octo
 from policies.octo.sizes import OctoSizes, sizes_of
 from policies.zoo import adapters
 from policies.zoo.config import IMAGE_PREFIX, full_rename_map
+from policies.zoo.fine_tuned import FineTunedPolicy
 from policies.zoo.source import base_name, local_folder
-from policies.zoo.weights import load_tensors, read_tensors, unique_tensors
+from policies.zoo.weights import load_tensors, read_tensors
 
 CONVERTED = "flax.safetensors"
 """Weights of a folder that ``policies/octo/convert.py`` wrote."""
 
-_TASK, _PRESENT, _WORDS = "task", "present", "words"
+_PRESENT, _WORDS = "present", "words"
 _LEAST_DEVIATION = 1e-3
 """Of an action's number that hardly varies, by which it would be divided."""
 
 
-class OctoPolicy(ImitationPolicy):
+class OctoPolicy(FineTunedPolicy):
     """Octo, arXiv:2405.12213: a chunk of actions by diffusion from images and an instruction.
 
     Attributes:
         cameras: Its own name of each camera, ``primary`` or ``wrist``, to the dataset's key.
-        instructions: Of the dataset; a frame's ``task_index`` counts into them.
     """
 
     name = "octo"
-    default_compile = False
-    columns = (TASK_INDEX,)
-    instructions: tuple[str, ...] = ()
     trained = "full"
 
     def __init__(self, model: Any, tokenizer: Any, content: Mapping[str, Any]) -> None:
@@ -115,11 +110,6 @@ class OctoPolicy(ImitationPolicy):
     # --- what it takes and gives ----------------------------------------------------------------
 
     @property
-    def network(self) -> Octo:
-        """The network, without adapters around it."""
-        return adapters.base_network(self.model)
-
-    @property
     @override
     def device(self) -> torch.device:
         return next(self.model.parameters()).device
@@ -167,11 +157,7 @@ class OctoPolicy(ImitationPolicy):
             if key in observation:
                 height, width = np.asarray(observation[key]).shape[-3:-1]
                 self._image_shapes[key] = (3, int(height), int(width))
-        batch: dict[str, Any] = super()._to_tensors(observation)
-        count = len(batch[self.image_keys[0]])
-        instructions = observation.get(_TASK, [""] * count)
-        batch[_TASK] = [each if isinstance(each, str) else str(np.ravel(each)[-1]) for each in instructions]
-        return batch
+        return super()._to_tensors(observation)
 
     @override
     def preprocess(self, batch: Mapping[str, Any]) -> dict[str, Any]:
@@ -197,12 +183,7 @@ class OctoPolicy(ImitationPolicy):
 
     def _words_of(self, batch: Mapping[str, Any], count: int) -> Tensor:
         """Returns the vectors (n, W, E) of the instructions, each encoded once: the encoder is frozen."""
-        if _TASK in batch:
-            texts = list(batch[_TASK])
-        elif TASK_INDEX in batch and self.instructions:
-            texts = [self.instructions[int(each)] for each in batch[TASK_INDEX].reshape(-1).tolist()]
-        else:
-            texts = [""] * count
+        texts = self.words(batch, count)
         if new := [text for text in dict.fromkeys(texts) if text not in self._known]:
             length = self.network.sizes.text_tokens
             found = self.tokenizer(
@@ -257,10 +238,6 @@ class OctoPolicy(ImitationPolicy):
         self.network.text_encoder.eval()
 
     @override
-    def learn_instructions(self, instructions: Instructions) -> None:
-        self.instructions = instructions.texts
-
-    @override
     def loss(self, batch: dict[str, Any]) -> Loss:
         """Returns the squared error of the noise, summed over an action's numbers as its authors do."""
         sizes = self.network.sizes
@@ -284,28 +261,13 @@ class OctoPolicy(ImitationPolicy):
 
     # --- checkpoints ----------------------------------------------------------------------------
 
-    @property
-    def has_adapters(self) -> bool:
-        """Whether adapters and the head are trained and saved, and not the network."""
-        return hasattr(self.model, "peft_config")
-
-    @override
-    def state_dict(self) -> dict[str, Tensor]:
-        return adapters.state(self.model) if self.has_adapters else super().state_dict()
-
     @override
     def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
-        if self.has_adapters:
-            adapters.load_state(self.model, tensors, path)
-        else:
-            load_tensors(self.model, tensors, path)
+        super().load_state_dict(tensors, path)
         self._known.clear()
 
     @override
-    def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
-        from safetensors.torch import save_file
-
-        tensors = self.state_dict() if weights is None else weights
+    def write_settings(self, directory: Path) -> None:
         sizes = self.network.sizes
         content = json.loads(json.dumps(self.content))
         content["model"]["heads"]["action"]["kwargs"] |= {
@@ -319,14 +281,8 @@ class OctoPolicy(ImitationPolicy):
             },
             "output_features": {ACTION: {"type": "ACTION", "shape": [sizes.action_dim]}},
         }
-        with atomic_directory(directory) as staging:
-            self.tokenizer.save_pretrained(staging)
-            (staging / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
-            if self.has_adapters:
-                adapters.save(self.model, staging, tensors, Path(directory))
-            else:
-                save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
-            checkpoint.write_hashes(staging)
+        self.tokenizer.save_pretrained(directory)
+        (directory / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
 
     @classmethod
     @override

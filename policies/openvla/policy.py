@@ -14,12 +14,10 @@ import torch
 from lerobot.configs import FeatureType
 from torch import Tensor, nn
 
-from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
 from policies import checkpoint
 from policies.base import Observation
-from policies.imitation import ACTION, ImitationPolicy
-from policies.learned_tasks import TASK_INDEX, Instructions
+from policies.imitation import ACTION
 from policies.lerobot_policy import policy_features
 from policies.objective import Loss, Objective, Preprocess
 from policies.openvla.config import OpenVlaConfig
@@ -27,27 +25,20 @@ from policies.openvla.network import OpenVla, from_timm, pixels_of, to_timm
 from policies.openvla.tokens import ActionScale, ActionTokens, norm_stats, padded, prompt_tokens
 from policies.zoo import adapters
 from policies.zoo.config import IMAGE_PREFIX, full_rename_map
+from policies.zoo.fine_tuned import FineTunedPolicy
 from policies.zoo.source import base_name, local_folder
-from policies.zoo.weights import load_tensors, read_tensors, unique_tensors
+from policies.zoo.weights import load_tensors, read_tensors
 
 logger = logging.getLogger(__name__)
 
-_TASK = "task"
 _IGNORED = -100  # what cross entropy leaves out
 _TOKENIZER = ("tokenizer.json", "tokenizer.model")
 
 
-class OpenVlaPolicy(ImitationPolicy):
-    """OpenVLA, arXiv:2406.09246: one action per look at one image, each number a token.
-
-    Attributes:
-        instructions: Of the dataset; a frame's ``task_index`` counts into them.
-    """
+class OpenVlaPolicy(FineTunedPolicy):
+    """OpenVLA, arXiv:2406.09246: one action per look at one image, each number a token."""
 
     name = "openvla"
-    default_compile = False
-    columns = (TASK_INDEX,)
-    instructions: tuple[str, ...] = ()
 
     def __init__(self, model: Any, tokenizer: Any, image_key: str, unnorm_key: str) -> None:
         self.model, self.tokenizer, self.unnorm_key = model, tokenizer, unnorm_key
@@ -94,11 +85,6 @@ class OpenVlaPolicy(ImitationPolicy):
         return cls(model.to(device).eval(), _read_tokenizer(folder), image_key, config.unnorm_key)
 
     # --- what it takes and gives ----------------------------------------------------------------
-
-    @property
-    def network(self) -> OpenVla:
-        """The network, without adapters around it."""
-        return adapters.base_network(self.model)
 
     @property
     def size(self) -> int:
@@ -152,9 +138,7 @@ class OpenVlaPolicy(ImitationPolicy):
         if image is not None:  # of any size, for it is resized
             height, width = np.asarray(image).shape[1:3]
             self._image_shape = (3, int(height), int(width))
-        batch: dict[str, Any] = super()._to_tensors(observation)
-        batch[_TASK] = [str(each) for each in observation.get(_TASK, [""] * len(batch[self._image_key]))]
-        return batch
+        return super()._to_tensors(observation)
 
     @override
     def preprocess(self, batch: Mapping[str, Any]) -> dict[str, Any]:
@@ -163,19 +147,12 @@ class OpenVlaPolicy(ImitationPolicy):
         fused = self.network.vision_backbone.fused_featurizer is not None
         out = {
             "pixels": pixels_of(images, self.size, fused=fused),
-            "prompts": prompt_tokens(self.tokenizer, self._words(batch, len(images))),
+            "prompts": prompt_tokens(self.tokenizer, self.words(batch, len(images))),
         }
         if ACTION in batch:
             actions = batch[ACTION].to(self.device)
             out[ACTION] = actions[:, 0] if actions.ndim == 3 else actions
         return out
-
-    def _words(self, batch: Mapping[str, Any], count: int) -> list[str]:
-        if _TASK in batch:
-            return list(batch[_TASK])
-        if TASK_INDEX in batch and self.instructions:
-            return [self.instructions[int(index)] for index in batch[TASK_INDEX].reshape(-1).tolist()]
-        return [""] * count
 
     @override
     def predict(self, batch: dict[str, Any], generators: Sequence[torch.Generator] | None) -> Tensor:
@@ -202,10 +179,6 @@ class OpenVlaPolicy(ImitationPolicy):
     @override
     def parameter_groups(self) -> list[tuple[list[nn.Parameter], float]]:
         return [([each for each in self.model.parameters() if each.requires_grad], 1.0)]
-
-    @override
-    def learn_instructions(self, instructions: Instructions) -> None:
-        self.instructions = instructions.texts
 
     @override
     def loss(self, batch: dict[str, Any]) -> Loss:
@@ -235,43 +208,25 @@ class OpenVlaPolicy(ImitationPolicy):
 
     # --- checkpoints ----------------------------------------------------------------------------
 
-    @property
-    def has_adapters(self) -> bool:
-        """Whether adapters are trained and saved, and not the network."""
-        return hasattr(self.model, "peft_config")
+    @override
+    def network_state(self) -> dict[str, Tensor]:
+        return from_timm(self.model.state_dict())
 
     @override
-    def state_dict(self) -> dict[str, Tensor]:
-        return adapters.state(self.model) if self.has_adapters else from_timm(self.model.state_dict())
+    def load_network(self, tensors: Mapping[str, Tensor], path: Path) -> None:
+        super().load_network(to_timm(tensors), path)
 
     @override
-    def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
-        if self.has_adapters:
-            adapters.load_state(self.model, tensors, path)
-        else:
-            load_tensors(self.model, to_timm(tensors), path)
-
-    @override
-    def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
-        from safetensors.torch import save_file
-
-        tensors = self.state_dict() if weights is None else weights
-        image = {self._image_key: {"type": "VISUAL", "shape": list(self._image_shape)}}
+    def write_settings(self, directory: Path) -> None:
         content = {
             **self.network.settings,
             "model_type": self.name,
             "unnorm_key": self.unnorm_key,
-            "input_features": image,
+            "input_features": {self._image_key: {"type": "VISUAL", "shape": list(self._image_shape)}},
             "output_features": {ACTION: {"type": "ACTION", "shape": list(self.shapes[ACTION])}},
         }
-        with atomic_directory(directory) as staging:
-            self.tokenizer.save_pretrained(staging)
-            (staging / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
-            if self.has_adapters:
-                adapters.save(self.model, staging, tensors, Path(directory))
-            else:
-                save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
-            checkpoint.write_hashes(staging)
+        self.tokenizer.save_pretrained(directory)
+        (directory / checkpoint.CONFIG).write_text(json.dumps(content, indent=2), encoding="utf-8")
 
     @classmethod
     @override

@@ -6,7 +6,7 @@ Shapes: n environments or samples, T observations in time, C, H, W an image, A a
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Self, override
+from typing import Any, Self, override
 
 import numpy as np
 import torch
@@ -15,33 +15,29 @@ from lerobot.policies.utils import populate_queues
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 from torch import Tensor, nn
 
-from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
 from policies import checkpoint
 from policies.base import Observation
-from policies.learned_tasks import TASK_INDEX, Instructions
+from policies.learned_tasks import TASK_INDEX
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors, policy_features
 from policies.module_policy import seeded
 from policies.objective import Loss, Objective, Preprocess
-from policies.zoo import adapters, building, weights
+from policies.zoo import adapters, building
 from policies.zoo.assets import write_assets
 from policies.zoo.blocks import BlockwiseObjective
 from policies.zoo.config import LeRobotConfig, full_rename_map
 from policies.zoo.features import keep_cameras, matched_inputs, statistics
+from policies.zoo.fine_tuned import TASK, FineTunedPolicy
 from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
 from policies.zoo.source import base_name
 
 logger = logging.getLogger(__name__)
 
-TASK = "task"
 
-
-class LeRobotZooPolicy(LeRobotPolicy):
+class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
     """A policy of any type, with LeRobot's own processors, loss and weights.
 
     Attributes:
-        instructions: The instructions of the dataset that is learned; a frame's ``task_index`` counts into
-            them.
         assets: Folder of each tokenizer and backbone that a checkpoint carried.
         rename_map: Key of the environment or dataset to key of the policy, of each camera that has another
             name.
@@ -49,15 +45,12 @@ class LeRobotZooPolicy(LeRobotPolicy):
     """
 
     name = "lerobot"
-    default_compile: ClassVar[bool] = False
-    columns: ClassVar[tuple[str, ...]] = (TASK_INDEX,)
 
     def __init__(
         self, model: Any, processors: Processors, assets: Mapping[str, str], rename_map: Mapping[str, str]
     ) -> None:
         super().__init__(model, processors)
         self.assets, self.rename_map = dict(assets), dict(rename_map)
-        self.instructions: tuple[str, ...] = ()
         self.sees_any_size = self.model.config.type not in NEEDS_NOTHING
         self._preset = False
 
@@ -110,11 +103,6 @@ class LeRobotZooPolicy(LeRobotPolicy):
         return getattr(config, "n_action_steps", None) or config.action_chunk_size
 
     @property
-    def network(self) -> Any:
-        """LeRobot's policy, without adapters around it."""
-        return adapters.base_network(self.model)
-
-    @property
     @override
     def features(self) -> Features:
         sources: dict[str, str] = {target: source for source, target in self.rename_map.items()}
@@ -165,10 +153,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
                 if key in observation:
                     height, width = np.asarray(observation[key]).shape[-3:-1]
                     self._resize_feature(key, int(height), int(width))
-        batch: dict[str, Any] = super()._to_tensors(observation)
-        words = np.asarray(observation.get(TASK, [""] * len(batch[OBS_STATE])))
-        batch[TASK] = [str(each) for each in (words[:, -1] if words.ndim > 1 else words)]
-        return batch
+        return super()._to_tensors(observation)
 
     def _resize_feature(self, key: str, height: int, width: int) -> None:
         """Notes the size of a camera's images, which the policy resizes by itself."""
@@ -184,7 +169,7 @@ class LeRobotZooPolicy(LeRobotPolicy):
             value = value.to(self.device, non_blocking=True)
             is_bytes = value.dtype is torch.uint8 and key in self.image_keys
             floats[key] = value.float().div_(255.0) if is_bytes else value
-        floats[TASK] = self._words(batch)
+        floats[TASK] = self.words(batch, len(batch[next(iter(self.shapes))]))
         processed = self.preprocessor(floats)
         # EO-1's processor hands its network the ids of two tokens as numbers; flags of LeRobot are none.
         return {
@@ -192,14 +177,6 @@ class LeRobotZooPolicy(LeRobotPolicy):
             for key, value in processed.items()
             if isinstance(value, Tensor | list | int) and not isinstance(value, bool)
         }
-
-    def _words(self, batch: Mapping[str, Any]) -> list[str]:
-        """Returns the instruction of each sample."""
-        if TASK in batch:
-            return list(batch[TASK])
-        if TASK_INDEX in batch and self.instructions:
-            return [self.instructions[int(index)] for index in batch[TASK_INDEX].reshape(-1).tolist()]
-        return [""] * len(batch[next(iter(self.shapes))])
 
     @override
     def predict(self, batch: dict[str, Any], generators: Sequence[torch.Generator] | None) -> Tensor:
@@ -272,47 +249,16 @@ class LeRobotZooPolicy(LeRobotPolicy):
     def objective(self) -> Objective:
         return BlockwiseObjective(self.model, Preprocess(self), self.loss)
 
-    @override
-    def learn_instructions(self, instructions: Instructions) -> None:
-        self.instructions = instructions.texts
-
     # --- checkpoints ----------------------------------------------------------------------------
 
-    @property
-    def has_adapters(self) -> bool:
-        """Whether adapters are trained and saved, and not the network."""
-        return hasattr(self.model, "peft_config")
-
     @override
-    def state_dict(self) -> dict[str, Tensor]:
-        return adapters.state(self.model) if self.has_adapters else super().state_dict()
-
-    @override
-    def load_state_dict(self, tensors: Mapping[str, Tensor], path: Path) -> None:
-        if self.has_adapters:
-            adapters.load_state(self.model, tensors, path)
-        else:
-            weights.load_tensors(self.model, tensors, path)
-
-    @override
-    def save(self, directory: str | Path, weights: Mapping[str, Tensor] | None = None) -> None:
-        from safetensors.torch import save_file
-
-        from policies.zoo.weights import unique_tensors
-
-        tensors = self.state_dict() if weights is None else weights
+    def write_settings(self, directory: Path) -> None:
         config = self.model.config
-        with atomic_directory(directory) as staging:
-            config._save_pretrained(staging)
-            if self.has_adapters:
-                adapters.save(self.model, staging, tensors, Path(directory))
-            else:
-                save_file(unique_tensors(tensors), staging / checkpoint.WEIGHTS, metadata={"format": "pt"})
-            self.preprocessor.save_pretrained(staging)
-            self.postprocessor.save_pretrained(staging)
-            write_assets(staging, config.type, config, self.preprocessor, self.assets)
-            building.restore_names(staging, self.assets)
-            checkpoint.write_hashes(staging)
+        config._save_pretrained(directory)
+        self.preprocessor.save_pretrained(directory)
+        self.postprocessor.save_pretrained(directory)
+        write_assets(directory, config.type, config, self.preprocessor, self.assets)
+        building.restore_names(directory, self.assets)
 
     @classmethod
     @override
