@@ -31,18 +31,20 @@ REGISTERED_AS = {"keypoint_act": "act", "multitask_act": "mtact"}
 
 _IMAGES = "observation.images."
 _ADVICE = (
-    "A checkpoint is a folder with config.json, model.safetensors, policy_preprocessor.json and "
-    "policy_postprocessor.json, such as <run>/checkpoints/last/pretrained_model. "
-    "Name another checkpoint, or train again."
+    "A checkpoint is the folder of a run, or one with config.json, model.safetensors, "
+    "policy_preprocessor.json and policy_postprocessor.json, such as "
+    "<run>/checkpoints/last/pretrained_model. Name another checkpoint, or train again."
 )
+_MOST_RUNS = 5
+"""Runs that are named where a folder of them was given."""
 
 
 def resolve(directory: str | Path) -> Path:
     """Returns the pretrained folder that ``directory`` is or holds.
 
     Args:
-        directory: A pretrained folder, a checkpoint of a run, or a run, whose last checkpoint counts: the
-            newest where the link to it is gone, as in a copy without links.
+        directory: A pretrained folder, a checkpoint of a run, or a run or its folder of checkpoints, of which
+            the last counts: the newest where the link to it is gone, as in a copy without links.
 
     Raises:
         PolicyError: if there is no such folder, or no checkpoint in it.
@@ -51,15 +53,29 @@ def resolve(directory: str | Path) -> Path:
     if not directory.is_dir():
         what = "is a file" if directory.exists() else "does not exist"
         raise PolicyError(f"Checkpoint '{directory}' {what}. {_ADVICE}")
-    checkpoints = (
-        directory,
-        directory / "checkpoints" / "last",
-        *reversed(of_steps(directory / "checkpoints")),
-    )
+    checkpoints = [directory]
+    for folder in (directory / "checkpoints", directory):
+        checkpoints += [folder / "last", *reversed(of_steps(folder))]
     for found in (directory, *(checkpoint / "pretrained_model" for checkpoint in checkpoints)):
         if (found / CONFIG).is_file():
             return found
-    raise PolicyError(f"Checkpoint '{directory}' has no {CONFIG}. {_ADVICE}")
+    raise PolicyError(f"Checkpoint '{directory}' {_what_it_is(directory)}")
+
+
+def _what_it_is(directory: Path) -> str:
+    """Says what a folder without a checkpoint is, and what to do."""
+    if (directory / "meta" / "info.json").is_file():
+        return (
+            "is a dataset, and no checkpoint. Train a policy on it: roboverse train policy=act "
+            f"dataset={directory}"
+        )
+    of_runs = (path.parent for depth in (1, 2, 3) for path in directory.glob("*/" * depth + "checkpoints"))
+    if runs := sorted(run for run in of_runs if of_steps(run / "checkpoints")):
+        more = f", and {len(runs) - _MOST_RUNS} more" if len(runs) > _MOST_RUNS else ""
+        return f"holds runs. Name one of them: {', '.join(map(str, runs[:_MOST_RUNS]))}{more}."
+    if (directory / "config.yaml").is_file():
+        return f"is a run without a checkpoint yet. Go on with it first: roboverse train run={directory}"
+    return f"has no {CONFIG}. {_ADVICE}"
 
 
 def of_steps(checkpoints: Path) -> list[Path]:

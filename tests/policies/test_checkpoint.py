@@ -49,6 +49,28 @@ def test_a_run_without_its_link_has_its_newest_checkpoint(tmp_path):
     assert resolve(tmp_path) == tmp_path / "checkpoints/1000000/pretrained_model"
     (tmp_path / "checkpoints/last").symlink_to("950000")
     assert resolve(tmp_path) == tmp_path / "checkpoints/last/pretrained_model"
+    assert resolve(tmp_path / "checkpoints") == resolve(tmp_path), "the folder of a run's checkpoints"
+
+
+def test_a_folder_that_holds_runs_names_some_of_them(tmp_path):
+    for index in range(7):
+        (tmp_path / f"runs/PickCube/act/run{index}/checkpoints/000100").mkdir(parents=True)
+    for folder in ("runs", "runs/PickCube", "runs/PickCube/act"):
+        with pytest.raises(
+            PolicyError, match=r"holds runs\. Name one of them: \S+/run0, .*/run4, and 2 more\.$"
+        ):
+            resolve(tmp_path / folder)
+
+
+def test_a_dataset_and_a_run_without_a_checkpoint_say_what_to_do(tmp_path):
+    (tmp_path / "dataset/meta").mkdir(parents=True)
+    (tmp_path / "dataset/meta/info.json").write_text("{}")
+    with pytest.raises(PolicyError, match=r"is a dataset, .*roboverse train policy=act dataset=\S+/dataset$"):
+        resolve(tmp_path / "dataset")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/config.yaml").write_text("")
+    with pytest.raises(PolicyError, match=r"without a checkpoint yet\. .*: roboverse train run=\S+/run$"):
+        resolve(tmp_path / "run")
 
 
 def test_a_file_in_place_of_a_folder(tmp_path):
