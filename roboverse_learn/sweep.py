@@ -25,7 +25,7 @@ from roboverse_learn.commands.given_dataset import given_dataset, learns_from_gi
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.commands.words_of_config import collect_words
-from roboverse_learn.config.command_line_keys import flat_keys, open_section
+from roboverse_learn.config.command_line_keys import UnknownKeyError, flat_keys, open_section, unknown_key
 from roboverse_learn.config.compose import compose, configs_folder, values_of_key
 from roboverse_learn.config.preflight import check_folders
 from roboverse_learn.config.recipes import find_recipes, read_recipe, runs_in_order
@@ -85,10 +85,19 @@ def plan(words: Sequence[str]) -> Sweep:
     combinations = dict.fromkeys(itertools.product(*choices))
     runs = []
     for each in combinations:
-        run = compose("train", each)
+        run = _composed(each)
         check_folders(run)
         runs.append((each, given_dataset(run).config if learns_from_given(run) else run))
     return _checked(config, tuple(runs))
+
+
+def _composed(words: Sequence[str]) -> TrainRunConfig:
+    """Returns the configuration of a run; a key that it has not may be a misspelt one of the sweep."""
+    try:
+        return compose("train", words)
+    except UnknownKeyError as error:
+        keys = [*flat_keys(to_values(SweepConfig())), *error.keys]
+        raise unknown_key("sweep", error.key, dict.fromkeys(keys)) from None
 
 
 def _checked(config: SweepConfig, runs: tuple[tuple[tuple[str, ...], TrainRunConfig], ...]) -> Sweep:
@@ -109,7 +118,7 @@ def _runs_of_recipes(
             raise unknown_name(f"policy of recipe={config.recipe}", policy, of_policy.values())
     recipes = [each for each in recipes if not config.policies or of_policy[each] in config.policies]
     each_run = runs_in_order(recipes, config.tasks, config.levels, config.seeds)
-    runs = tuple(((*words, *rest), compose("train", [*words, *rest])) for words in each_run)
+    runs = tuple(((*words, *rest), _composed([*words, *rest])) for words in each_run)
     for _, run in runs:
         check_folders(run)
     return runs

@@ -72,6 +72,9 @@ class ForeignFileError(ResultError):
     """A file among the results that something else wrote: it is not to be removed."""
 
 
+_LEAST_LETTERS = 3
+"""Of a name that is looked for inside valid ones; two letters are in many."""
+
 MOST_LISTED = 60
 """Valid names that a message lists; of more it names the nearest."""
 
@@ -79,17 +82,25 @@ MOST_LISTED = 60
 def suggest(given: str, valid: Iterable[str], meant: Mapping[str, str] | None = None) -> str:
     """Returns ``" Did you mean 'x'?"`` for the nearest valid name, or an empty string.
 
+    Where none is near, it is the shortest one that begins with what was given, or else contains it.
+
     Args:
         given: What was given.
         valid: Every valid name.
         meant: What is suggested for each of them; the name itself by default.
     """
     lowered = {name.lower(): (meant or {}).get(name, name) for name in valid}
-    close = difflib.get_close_matches(given.lower(), lowered, n=1)
+    given = given.lower()
+    close = difflib.get_close_matches(given, lowered, n=1)
+    if not close and len(given) >= _LEAST_LETTERS:
+        holding = [name for name in lowered if given in name]
+        close = sorted(holding, key=lambda name: (not name.startswith(given), len(name), name))
     return f" Did you mean '{lowered[close[0]]}'?" if close else ""
 
 
-def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") -> UnknownNameError:
+def unknown_name(
+    kind: str, given: str, valid: Iterable[str], hint: str = "", other: Mapping[str, str] | None = None
+) -> UnknownNameError:
     """Builds the error for an unregistered name.
 
     Args:
@@ -97,9 +108,11 @@ def unknown_name(kind: str, given: str, valid: Iterable[str], hint: str = "") ->
         given: What was given.
         valid: Every valid name.
         hint: One more sentence: what to do.
+        other: Names by which others know some of the valid ones, which are suggested for them.
     """
     names = sorted(valid)
-    message = f"Unknown {kind} '{given}'.{suggest(given, names)} {_listed(kind, given, names)}"
+    near = suggest(given, [*names, *(other or {})], other)
+    message = f"Unknown {kind} '{given}'.{near} {_listed(kind, given, names)}"
     return UnknownNameError(f"{message} {hint}".rstrip())
 
 

@@ -69,10 +69,18 @@ class Registry[T]:
         group: Group of entry points by which other packages register, such as ``"roboverse.tasks"``: the
             entry point's name is the registered name, its value the target.
         default_tags: Tags of what is added without any.
+        other_names: Names by which other programs know some of these, which are suggested for them.
     """
 
-    def __init__(self, kind: str, group: str = "", default_tags: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        kind: str,
+        group: str = "",
+        default_tags: Iterable[str] = (),
+        other_names: Mapping[str, str] | None = None,
+    ) -> None:
         self.kind, self.group, self._default_tags = kind, group, frozenset(default_tags)
+        self.other_names = dict(other_names or {})
         self._entries: dict[str, Entry[T]] = {}
         self._complete = False
 
@@ -127,7 +135,8 @@ class Registry[T]:
         if name not in self._entries:
             self._load_others()
         if name not in self._entries:
-            raise unknown_name(self.kind, name, self._entries, OF_YOUR_OWN if self.group else "")
+            hint = OF_YOUR_OWN if self.group else ""
+            raise unknown_name(self.kind, name, self._entries, hint, self.other_names)
         return self._entries[name]
 
     def get(self, name: str) -> T:

@@ -9,7 +9,12 @@ from typing import NamedTuple
 from envs.core.registry import Registry
 from envs.scenario import GripperCfg, RobotCfg
 
-ROBOTS: Registry[RobotCfg] = Registry("robot", group="roboverse.robots")
+ROBOTS: Registry[RobotCfg] = Registry(
+    "robot",
+    group="roboverse.robots",
+    # ManiSkill, robosuite and LeRobot call it so.
+    other_names={"panda": "franka", "franka_panda": "franka"},
+)
 GRIPPERS: Registry[GripperCfg] = Registry("gripper")
 ANY_ARM = "any arm"
 """Tag of grippers that every arm is listed with; the others are some arm's ``own``."""

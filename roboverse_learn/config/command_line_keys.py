@@ -24,6 +24,7 @@ _ELSEWHERE = {
     ("collect", "recordings"): "path",
     ("teleoperate", "path"): "recordings",
     ("train", "out"): "run",
+    ("evaluate", "level"): "levels=[3]",
     ("evaluate", "out"): "results_dir",
 }
 """Keys of other commands, by what stands for them in a command that has none of this name."""
@@ -120,7 +121,20 @@ def full_key(command: str, key: str, keys: Iterable[str]) -> str:
     return matches[0]
 
 
-def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError:
+class UnknownKeyError(UnknownNameError):
+    """A key that a command has not.
+
+    Attributes:
+        key: The key.
+        keys: Those that the command has.
+    """
+
+    def __init__(self, message: str, key: str = "", keys: Iterable[str] = ()) -> None:
+        super().__init__(message)
+        self.key, self.keys = key, tuple(keys)
+
+
+def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownKeyError:
     """Returns the error of an unknown key, which suggests the nearest one."""
     names = _typed(keys)
     section = key.rpartition(".")[0]
@@ -131,9 +145,11 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownNameError
     by_part = {full.rpartition(".")[2]: full for full in reversed(known)} | {full: full for full in known}
     meant = _ELSEWHERE.get((command, key))
     hint = f" Did you mean '{meant}'?" if meant else _of_other_policies(key) or suggest(key, by_part, by_part)
-    return UnknownNameError(
+    return UnknownKeyError(
         f"Unknown key '{key}' of {command}.{hint} Valid: {', '.join(valid)}. "
-        f"See them all with: roboverse {command} --help"
+        f"See them all with: roboverse {command} --help",
+        key,
+        names,
     )
 
 

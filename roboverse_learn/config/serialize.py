@@ -150,17 +150,19 @@ def _environment(command: str, values: dict[str, Any], *, checks_task: bool = Tr
 def _check_names(kind: str, names: Iterable[str]) -> None:
     """Checks names of tasks, robots, simulators or renderers; another simulator can be a renderer."""
     simulators = importlib.import_module("envs.simulators")
-    valid = {
-        "task": importlib.import_module("envs.tasks").TASKS.names(),
-        "simulator": simulators.HANDLERS.names(),
-        "robot": importlib.import_module("envs.robots").ROBOTS.names(),
-        "renderer": {*simulators.RENDERERS.names(), *simulators.HANDLERS.names()},
-    }[kind]
+    registries = {
+        "task": importlib.import_module("envs.tasks").TASKS,
+        "simulator": simulators.HANDLERS,
+        "robot": importlib.import_module("envs.robots").ROBOTS,
+        "renderer": simulators.RENDERERS,
+    }
+    own = registries[kind]
+    valid = {*own.names(), *(simulators.HANDLERS.names() if kind == "renderer" else ())}
     for name in names:
         if kind == "task" and "," in name:
             raise ConfigError(f"task={name} names several tasks, and one is taken here. Give one of them.")
         if name not in valid:
-            raise unknown_name(kind, name, valid, OF_YOUR_OWN if kind in ("task", "robot") else "")
+            raise unknown_name(kind, name, valid, OF_YOUR_OWN if own.group else "", own.other_names)
 
 
 def _checked_options(spec: EnvSpec) -> dict[str, Any]:

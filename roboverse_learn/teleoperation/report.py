@@ -8,6 +8,7 @@ from rich.console import Group
 from rich.table import Table
 
 from envs.vector_env import RoboVerseVectorEnv
+from roboverse_learn.checks.contract import counted
 from roboverse_learn.commands.report import unbroken
 from roboverse_learn.teleoperation.quality import Quality, mean, measure
 from roboverse_learn.teleoperation.recording import Mark
@@ -83,7 +84,7 @@ def teleoperation_report(
         )
     lines.append(f"recordings  {folder}")
     if dataset is not None:
-        lines.append(f"dataset     {dataset.root} ({dataset.num_episodes} episodes)")
+        lines.append(f"dataset     {dataset.root} ({counted(dataset.num_episodes, 'episode')})")
     if again:
         lines.append(f"Render them again, with other looks: {again}")
     return Group(table, unbroken("\n".join(lines)))

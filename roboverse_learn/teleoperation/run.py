@@ -174,7 +174,8 @@ async def _serve(steering: Steering, config: TeleoperateConfig) -> Figures:
             while not conductor.is_over:
                 await asyncio.sleep(_POLL_S)
         except asyncio.CancelledError:  # Ctrl+C: what is recorded becomes a dataset
-            log.info("Interrupted: %d successes are recorded.", steering.book.kept)
+            kept = steering.book.kept
+            log.info("Interrupted: %s recorded.", "1 success is" if kept == 1 else f"{kept} successes are")
             task = asyncio.current_task()
             assert task is not None, "a coroutine runs in a task"
             task.uncancel()

@@ -270,6 +270,24 @@ def test_unknown_name_suggests_nearest():
         registry.get("PickCub")
 
 
+@pytest.mark.parametrize(
+    ("given", "meant"), [("dif", "diffusion"), ("sion", "diffusion"), ("act", "actor"), ("panda", "franka")]
+)
+def test_a_part_of_a_name_and_a_name_of_others_suggest_it(given, meant):
+    registry = Registry("thing", other_names={"panda": "franka"})
+    for name in ("diffusion", "reactor", "actor", "franka", "sawyer_panda"):
+        registry.add(name, 1)
+    with pytest.raises(UnknownNameError, match=rf"Unknown thing '{given}'\. Did you mean '{meant}'\?"):
+        registry.get(given)
+
+
+def test_two_letters_suggest_no_name_that_holds_them():
+    registry = Registry("thing")
+    registry.add("diffusion", 1)
+    with pytest.raises(UnknownNameError, match=r"Unknown thing 'us'\. Valid: diffusion"):
+        registry.get("us")
+
+
 def test_missing_package_names_the_extra_to_install():
     registry = Registry("thing")
     registry.add("x", "no_such_module:X", extra="things")

@@ -101,6 +101,15 @@ class TestWords:
             plan(["jobs_per_gpu=0"])
 
 
+@pytest.mark.parametrize("beside", [[], ["recipe=v1"]])
+def test_an_unknown_key_names_the_nearest_of_the_sweep_and_of_its_trainings(beside):
+    said = r"Unknown key 'dry_runs' of sweep\. Did you mean 'dry_run'\? Valid: .*jobs_per_gpu.*train\.\*"
+    with pytest.raises(UnknownNameError, match=said + r".*roboverse sweep --help"):
+        plan(["dry_runs=true", *beside])
+    with pytest.raises(UnknownNameError, match=r"'simulatr' of sweep\. Did you mean 'simulator'"):
+        plan(["simulatr=mujoco"])
+
+
 def test_a_key_with_more_values_than_anyone_runs_is_refused():
     with pytest.raises(ConfigError, match=r"'seed=range\(1e9\)' has more than 1,000 values"):
         values_of_key("seed=range(1e9)")

@@ -16,6 +16,7 @@ from roboverse_learn.config.compose import compose
         ("collect", "recordings", "path"),
         ("teleoperate", "path", "recordings"),
         ("train", "out", "run"),
+        ("evaluate", "level", r"levels=\[3\]"),
     ],
 )
 def test_a_key_of_another_command_names_what_stands_for_it(command: str, key: str, meant: str) -> None:

@@ -141,6 +141,7 @@ def test_one_change_is_the_same_however_it_is_written(words: list[str], others: 
     ("words", "error", "message"),
     [
         (["robot=ur5"], UnknownNameError, r"Unknown robot 'ur5'\. Did you mean 'ur5e'"),
+        (["robot=panda"], UnknownNameError, r"Unknown robot 'panda'\. Did you mean 'franka'"),
         (["robot=ant"], ConfigError, "'ant' cannot do PickCube: it is no arm with a gripper"),
         (["task=control/cartpole", "robot=ur5e"], ConfigError, "'cartpole', and takes no other"),
     ],
