@@ -138,7 +138,7 @@ def check_learned(directory: Path, task: str, *, other_tasks: bool = False) -> N
     Args:
         directory: A pretrained folder.
         task: What it is to act in.
-        other_tasks: Whether a policy that reads instructions may act in a task that it did not learn.
+        other_tasks: Whether a policy of demonstrations may act in a task that it did not learn.
 
     Raises:
         PolicyError: if the folder lists the tasks of its policy, and this is none of them.
