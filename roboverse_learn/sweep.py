@@ -96,7 +96,7 @@ def _composed(words: Sequence[str]) -> TrainRunConfig:
     try:
         return compose("train", words)
     except UnknownKeyError as error:
-        keys = [*flat_keys(to_values(SweepConfig())), *error.keys]
+        keys = [*flat_keys(to_values(SweepConfig())), *(key for key in error.keys if key != "run")]
         raise unknown_key("sweep", error.key, dict.fromkeys(keys)) from None
 
 

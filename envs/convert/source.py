@@ -66,7 +66,9 @@ def load(
     if isinstance(source, RobotCfg):
         return _load_robot(source, simplify)
     if isinstance(source, str) and not re.search(r"[:/.\\]", source):
-        raise unknown_name("robot", source, ROBOTS.names(), "Or give a file, as in robot=robot.xml.")
+        raise unknown_name(
+            "robot", source, ROBOTS.names(), "Or give a file, as in robot=robot.xml.", ROBOTS.other_names
+        )
     path = resolve(str(source))
     is_urdf = path.suffix.lower() == ".urdf"
     if path.suffix in _USD:

@@ -80,9 +80,10 @@ MOST_LISTED = 60
 
 
 def suggest(given: str, valid: Iterable[str], meant: Mapping[str, str] | None = None) -> str:
-    """Returns ``" Did you mean 'x'?"`` for the nearest valid name, or an empty string.
+    """Returns ``" Did you mean 'x'?"`` for a valid name, or an empty string.
 
-    Where none is near, it is the shortest one that begins with what was given, or else contains it.
+    It is the shortest one that begins with what was given, else the nearest, else the shortest that contains
+    it.
 
     Args:
         given: What was given.
@@ -91,11 +92,11 @@ def suggest(given: str, valid: Iterable[str], meant: Mapping[str, str] | None = 
     """
     lowered = {name.lower(): (meant or {}).get(name, name) for name in valid}
     given = given.lower()
-    close = difflib.get_close_matches(given, lowered, n=1)
-    if not close and len(given) >= _LEAST_LETTERS:
-        holding = [name for name in lowered if given in name]
-        close = sorted(holding, key=lambda name: (not name.startswith(given), len(name), name))
-    return f" Did you mean '{lowered[close[0]]}'?" if close else ""
+    holding = [name for name in lowered if given in name] if len(given) >= _LEAST_LETTERS else []
+    holding.sort(key=lambda name: (len(name), name))
+    beginning = [name for name in holding if name.startswith(given)]
+    found = beginning or difflib.get_close_matches(given, lowered, n=1) or holding
+    return f" Did you mean '{lowered[found[0]]}'?" if found else ""
 
 
 def unknown_name(

@@ -24,7 +24,8 @@ _ELSEWHERE = {
     ("collect", "recordings"): "path",
     ("teleoperate", "path"): "recordings",
     ("train", "out"): "run",
-    ("evaluate", "level"): "levels=[3]",
+    ("sweep", "out"): "runs_dir",
+    ("evaluate", "level"): "levels",
     ("evaluate", "out"): "results_dir",
 }
 """Keys of other commands, by what stands for them in a command that has none of this name."""
@@ -141,7 +142,9 @@ def unknown_key(command: str, key: str, keys: Iterable[str]) -> UnknownKeyError:
     valid = [full for full in names if section and full.startswith(f"{section}.")]
     if not valid:
         valid = sorted({f"{full.partition('.')[0]}.*" if "." in full else full for full in names})
-    known = [*names, *scenario_keys()] if SECTION in names else names
+    known = list(names)
+    if SECTION in names:  # a word alone is near to one of the many parts of a scene by accident
+        known += [full for full in scenario_keys() if "." in key or full.endswith(f".{key}")]
     by_part = {full.rpartition(".")[2]: full for full in reversed(known)} | {full: full for full in known}
     meant = _ELSEWHERE.get((command, key))
     hint = f" Did you mean '{meant}'?" if meant else _of_other_policies(key) or suggest(key, by_part, by_part)

@@ -6,6 +6,7 @@ import pytest
 
 from envs.core.errors import ConfigError, UnknownNameError
 from roboverse_learn.config.compose import compose
+from roboverse_learn.sweep import plan
 
 
 @pytest.mark.parametrize(
@@ -16,14 +17,34 @@ from roboverse_learn.config.compose import compose
         ("collect", "recordings", "path"),
         ("teleoperate", "path", "recordings"),
         ("train", "out", "run"),
-        ("evaluate", "level", r"levels=\[3\]"),
+        ("sweep", "out", "runs_dir"),
+        ("evaluate", "level", "levels"),
     ],
 )
 def test_a_key_of_another_command_names_what_stands_for_it(command: str, key: str, meant: str) -> None:
     with pytest.raises(
         UnknownNameError, match=rf"Unknown key '{key}' of {command}. Did you mean '{meant}'\?"
     ):
-        compose(command, [f"{key}=x"])
+        (plan([f"{key}=x"]) if command == "sweep" else compose(command, [f"{key}=x"]))
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("batch", "train.batch_size"),
+        ("sim", "simulator"),
+        ("dir", "runs_dir"),
+        ("direction", "scenario.appearance.lights.<number>.direction"),
+    ],
+)
+def test_a_part_of_a_key_suggests_it(key: str, meant: str) -> None:
+    with pytest.raises(UnknownNameError, match=rf"'{key}' of train\. Did you mean '{re.escape(meant)}'\?"):
+        compose("train", [f"{key}=1"])
+
+
+def test_a_word_that_is_near_to_nothing_suggests_nothing() -> None:
+    with pytest.raises(UnknownNameError, match=r"Unknown key 'epochs' of train\. Valid: "):
+        compose("train", ["epochs=3"])
 
 
 @pytest.mark.parametrize(
