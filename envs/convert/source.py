@@ -66,9 +66,7 @@ def load(
     if isinstance(source, RobotCfg):
         return _load_robot(source, simplify)
     if isinstance(source, str) and not re.search(r"[:/.\\]", source):
-        raise unknown_name(
-            "robot", source, ROBOTS.names(), "Or give a file, as in robot=robot.xml.", ROBOTS.other_names
-        )
+        raise ROBOTS.unknown(source, hint="Or give a file, as in robot=robot.xml.")
     path = resolve(str(source))
     is_urdf = path.suffix.lower() == ".urdf"
     if path.suffix in _USD:

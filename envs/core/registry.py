@@ -135,9 +135,13 @@ class Registry[T]:
         if name not in self._entries:
             self._load_others()
         if name not in self._entries:
-            hint = OF_YOUR_OWN if self.group else ""
-            raise unknown_name(self.kind, name, self._entries, hint, self.other_names)
+            raise self.unknown(name)
         return self._entries[name]
+
+    def unknown(self, name: str, *, further: Iterable[str] = (), hint: str = "") -> RoboVerseError:
+        """Returns the error of a name that is neither registered nor one of ``further``."""
+        hint = hint or (OF_YOUR_OWN if self.group else "")
+        return unknown_name(self.kind, name, {*self._entries, *further}, hint, self.other_names)
 
     def get(self, name: str) -> T:
         """Returns the entry of ``name``, importing it if it was registered lazily.

@@ -12,9 +12,8 @@ from functools import cache
 from typing import Any
 
 import policies
-from envs.core.errors import ConfigError, unknown_name, wrong_value
+from envs.core.errors import ConfigError, wrong_value
 from envs.core.json_values import to_json_values
-from envs.core.registry import OF_YOUR_OWN
 from envs.randomization.levels import unknown_level
 from envs.simulators.settings import check_settings
 from envs.spec import EnvSpec
@@ -157,12 +156,13 @@ def _check_names(kind: str, names: Iterable[str]) -> None:
         "renderer": simulators.RENDERERS,
     }
     own = registries[kind]
-    valid = {*own.names(), *(simulators.HANDLERS.names() if kind == "renderer" else ())}
+    further = simulators.HANDLERS.names() if kind == "renderer" else ()
+    valid = {*own.names(), *further}
     for name in names:
         if kind == "task" and "," in name:
             raise ConfigError(f"task={name} names several tasks, and one is taken here. Give one of them.")
         if name not in valid:
-            raise unknown_name(kind, name, valid, OF_YOUR_OWN if own.group else "", own.other_names)
+            raise own.unknown(name, further=further)
 
 
 def _checked_options(spec: EnvSpec) -> dict[str, Any]:

@@ -25,7 +25,7 @@ def test_a_key_of_another_command_names_what_stands_for_it(command: str, key: st
     with pytest.raises(
         UnknownNameError, match=rf"Unknown key '{key}' of {command}. Did you mean '{meant}'\?"
     ):
-        (plan([f"{key}=x"]) if command == "sweep" else compose(command, [f"{key}=x"]))
+        plan([f"{key}=x"]) if command == "sweep" else compose(command, [f"{key}=x"])
 
 
 @pytest.mark.parametrize(
