@@ -26,7 +26,7 @@ LEROBOT = "lerobot"
 OF_THEIR_OWN = ("act", "diffusion")
 """LeRobot's types that are a policy of their own here."""
 
-REGISTERED_AS = {"keypoint_act": "act", "multitask_act": "mtact"}
+REGISTERED_AS = {"keypoint_act": "act", "keypoint_diffusion": "diffusion", "multitask_act": "mtact"}
 """LeRobot's policy types that are a network of a policy with another name."""
 
 _IMAGES = "observation.images."

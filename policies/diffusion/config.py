@@ -1,7 +1,7 @@
 """Settings of Diffusion Policy."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from envs.core.errors import PolicyError
 from envs.core.ranges import check_ranges
@@ -13,6 +13,8 @@ class DiffusionConfig:
 
     The defaults are those of RoboVerse (arXiv:2504.18904 and its code): a ResNet18 and a U-Net of
     (256, 512, 1024) channels, three observations, eight predicted and four executed actions.
+    With ``vision_backbone=keypoints`` each camera has small convolutions in place of a ResNet
+    (:mod:`policies.keypoint_backbone`), which take less time and say more exactly where a thing is.
 
     Attributes:
         n_obs_steps: Observations, the newest last, that the network is given.
@@ -23,7 +25,8 @@ class DiffusionConfig:
         kernel_size: Kernel of its convolutions.
         diffusion_step_embed_dim: Size of the embedding of the diffusion step.
         spatial_softmax_num_keypoints: Image points that the encoder returns.
-        vision_backbone: A ResNet of torchvision, with group normalization if it starts at random.
+        vision_backbone: A ResNet of torchvision, with group normalization if it starts at random, or
+            ``keypoints`` for a small network.
         pretrained_backbone_weights: Name of torchvision weights, such as
             ``ResNet18_Weights.IMAGENET1K_V1``, which are downloaded; None starts at random.
         crop_ratio: Side of the random crop (the central one when acting), relative to the image; 1
@@ -33,7 +36,13 @@ class DiffusionConfig:
         num_inference_steps: Denoising steps when acting; None takes ``num_train_timesteps``.
         prediction_type: What the network predicts, the noise (``epsilon``) or the actions (``sample``).
         image_stats: See :class:`policies.act.config.ActConfig`.
+        state_noise: Standard deviation of the noise that training adds to the normalized joint positions.
+        conv_channels: Of ``keypoints``: channels of each convolution of a camera, multiples of 8.
+        n_residual_blocks: Of ``keypoints``: residual blocks of two convolutions each that follow these.
     """
+
+    younger: ClassVar[tuple[str, ...]] = ("state_noise", "conv_channels", "n_residual_blocks")
+    """Keys that are no part of a run's name at their defaults: older runs, made without them, keep theirs."""
 
     n_obs_steps: int = 3
     horizon: int = 8
@@ -42,7 +51,7 @@ class DiffusionConfig:
     kernel_size: int = 5
     diffusion_step_embed_dim: int = 128
     spatial_softmax_num_keypoints: int = 32
-    vision_backbone: Literal["resnet18", "resnet34", "resnet50"] = "resnet18"
+    vision_backbone: Literal["resnet18", "resnet34", "resnet50", "keypoints"] = "resnet18"
     pretrained_backbone_weights: str | None = None
     crop_ratio: float = 1.0
     noise_scheduler_type: Literal["DDPM", "DDIM"] = "DDPM"
@@ -50,6 +59,9 @@ class DiffusionConfig:
     num_inference_steps: int | None = None
     prediction_type: Literal["epsilon", "sample"] = "epsilon"
     image_stats: Literal["auto", "dataset", "imagenet", "half"] = "auto"
+    state_noise: float = 0.0
+    conv_channels: tuple[int, ...] = (32, 32, 64)
+    n_residual_blocks: int = 0
 
     def __post_init__(self) -> None:
         factor = 2 ** len(self.down_dims)
@@ -65,9 +77,12 @@ class DiffusionConfig:
                 f"policy.n_action_steps={self.n_action_steps} must be from 1 to {longest}: of the "
                 f"{self.horizon} predicted actions, policy.n_obs_steps - 1 = {self.n_obs_steps - 1} are past."
             )
-        check_ranges(self, "policy.", from_1=("n_obs_steps",), error=PolicyError)
-        if any(dim % 8 or dim <= 0 for dim in self.down_dims):
-            raise PolicyError(f"policy.down_dims must be multiples of 8, given {tuple(self.down_dims)}.")
+        from_1 = ("n_obs_steps", "spatial_softmax_num_keypoints")
+        check_ranges(self, "policy.", from_1=from_1, from_0=("n_residual_blocks",), error=PolicyError)
+        for name in ("down_dims", "conv_channels"):
+            widths = getattr(self, name)
+            if not widths or any(width % 8 or width <= 0 for width in widths):
+                raise PolicyError(f"policy.{name} must be multiples of 8, given {tuple(widths)}.")
         if not 1 <= (self.num_inference_steps or self.num_train_timesteps) <= self.num_train_timesteps:
             raise PolicyError(
                 f"policy.num_inference_steps={self.num_inference_steps} must be from 1 to "
@@ -75,3 +90,19 @@ class DiffusionConfig:
             )
         if not 0.0 < self.crop_ratio <= 1.0:
             raise PolicyError(f"policy.crop_ratio must be above 0 and at most 1, given {self.crop_ratio}.")
+        if not 0.0 <= self.state_noise < float("inf"):
+            raise PolicyError(f"policy.state_noise must be 0 (off) or more, given {self.state_noise}.")
+        if self.vision_backbone == "keypoints":
+            self._check_has_no_resnet()
+
+    def _check_has_no_resnet(self) -> None:
+        if self.crop_ratio < 1.0:
+            raise PolicyError(
+                f"policy.crop_ratio={self.crop_ratio} is of a ResNet. With policy.vision_backbone=keypoints, "
+                "train.augment.shift_px=4 moves the images in its place."
+            )
+        if self.pretrained_backbone_weights is not None:
+            raise PolicyError(
+                f"policy.pretrained_backbone_weights={self.pretrained_backbone_weights} is of a ResNet, and "
+                "policy.vision_backbone=keypoints has none. Leave one of both out."
+            )

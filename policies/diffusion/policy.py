@@ -9,10 +9,12 @@ from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig a
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy as LeRobotDiffusionPolicy
 from lerobot.policies.diffusion.modeling_diffusion import DiffusionRgbEncoder
 from lerobot.policies.diffusion.processor_diffusion import make_diffusion_pre_post_processors
-from lerobot.utils.constants import OBS_IMAGES
+from lerobot.utils.constants import OBS_IMAGES, OBS_STATE
 from torch import Tensor, nn
 
 from policies.diffusion.config import DiffusionConfig
+from policies.diffusion.configuration_keypoint_diffusion import KeypointDiffusionConfig
+from policies.diffusion.modeling_keypoint_diffusion import KeypointDiffusionPolicy
 from policies.group_norm import ChannelsLastGroupNorm
 from policies.lerobot_policy import Features, LeRobotPolicy, Processors
 from policies.objective import Loss
@@ -23,19 +25,19 @@ class DiffusionPolicy(LeRobotPolicy):
     """Diffusion Policy, arXiv:2303.04137."""
 
     name = "diffusion"
-    model_classes: ClassVar = {"diffusion": LeRobotDiffusionPolicy}
+    model_classes: ClassVar = {
+        "diffusion": LeRobotDiffusionPolicy,
+        "keypoint_diffusion": KeypointDiffusionPolicy,
+    }
     default_ema = True
+    _state_noise = 0.0
 
     @classmethod
     def lerobot_config(
         cls, config: DiffusionConfig, inputs: Features, outputs: Features, device: str
     ) -> PreTrainedConfig:
         """Returns LeRobot's configuration."""
-        image = next((feature.shape for feature in inputs.values() if len(feature.shape) == 3), None)
-        crop = None
-        if image is not None and config.crop_ratio < 1.0:
-            crop = (int(image[1] * config.crop_ratio), int(image[2] * config.crop_ratio))
-        return LeRobotDiffusionConfig(
+        shared: dict[str, Any] = dict(
             device=device,
             input_features=inputs,
             output_features=outputs,
@@ -48,15 +50,35 @@ class DiffusionPolicy(LeRobotPolicy):
             kernel_size=config.kernel_size,
             diffusion_step_embed_dim=config.diffusion_step_embed_dim,
             spatial_softmax_num_keypoints=config.spatial_softmax_num_keypoints,
-            vision_backbone=config.vision_backbone,
-            pretrained_backbone_weights=config.pretrained_backbone_weights,
-            use_group_norm=config.pretrained_backbone_weights is None,
-            crop_shape=crop,
             noise_scheduler_type=config.noise_scheduler_type,
             num_train_timesteps=config.num_train_timesteps,
             num_inference_steps=config.num_inference_steps,
             prediction_type=config.prediction_type,
         )
+        if config.vision_backbone == "keypoints":
+            return KeypointDiffusionConfig(
+                **shared,
+                conv_channels=tuple(config.conv_channels),
+                n_residual_blocks=config.n_residual_blocks,
+            )
+        image = next((feature.shape for feature in inputs.values() if len(feature.shape) == 3), None)
+        crop = None
+        if image is not None and config.crop_ratio < 1.0:
+            crop = (int(image[1] * config.crop_ratio), int(image[2] * config.crop_ratio))
+        return LeRobotDiffusionConfig(
+            **shared,
+            vision_backbone=config.vision_backbone,
+            pretrained_backbone_weights=config.pretrained_backbone_weights,
+            use_group_norm=config.pretrained_backbone_weights is None,
+            crop_shape=crop,
+        )
+
+    @classmethod
+    def create(cls, features: Any, stats: Any, config: DiffusionConfig, device: str) -> "DiffusionPolicy":
+        """Makes an untrained policy; see :func:`policies.create`."""
+        policy = super().create(features, stats, config, device)
+        policy._state_noise = config.state_noise
+        return policy
 
     @classmethod
     def lerobot_processors(cls, config: Any, stats: dict[str, dict[str, Tensor]]) -> Processors:
@@ -87,6 +109,9 @@ class DiffusionPolicy(LeRobotPolicy):
 
     def begin_training(self) -> None:
         """Readies the model for gradient steps."""
+        if isinstance(self.model, KeypointDiffusionPolicy):
+            self.model.train()  # group normalization wants channels first, so channels last would be copied
+            return
         for module in self.model.modules():
             if isinstance(module, DiffusionRgbEncoder):
                 replace_modules(module.backbone, nn.GroupNorm, ChannelsLastGroupNorm.of)
@@ -95,6 +120,9 @@ class DiffusionPolicy(LeRobotPolicy):
     def loss(self, batch: dict[str, Tensor]) -> Loss:
         """Returns the mean squared error of the network's answer to noised actions."""
         config = self.model.config
+        if self._state_noise:
+            state = batch[OBS_STATE]
+            batch = batch | {OBS_STATE: state + self._state_noise * torch.randn_like(state)}
         if config.image_features:
             images = [batch[key] for key in config.image_features]
             images = [image.unsqueeze(1) if image.ndim == 4 else image for image in images]

@@ -11,7 +11,7 @@ from typing import Any
 import torchvision
 from torch import Tensor, nn
 
-from policies.act.modeling_keypoint_act import KeypointBackbone, spatial_softmax
+from policies.keypoint_backbone import KeypointBackbone, spatial_softmax
 
 _GROUP_CHANNELS = 16
 _NUM_STAGES = 3

@@ -8,6 +8,7 @@ from roboverse_learn.config.command_line_keys import at
 
 _OF_PEFT = "policy.peft."
 _METHOD = f"{_OF_PEFT}method_type"
+_OF_KEYPOINTS = [f"policy.{name}" for name in ("conv_channels", "n_residual_blocks")]
 _OF_SCRATCH = [f"policy.{name}" for name in ("text_layers", "max_words", "num_buckets", "word_dropout")]
 
 
@@ -26,6 +27,8 @@ def check_idle_keys(values: Mapping[str, Any], keys: Sequence[str]) -> None:
     waiting: dict[str, str] = {}
     if at(values, "policy.head") == "regression":
         waiting["policy.num_inference_steps"] = "policy.head=flow"
+    if str(at(values, "policy.vision_backbone")).startswith("resnet"):
+        waiting |= dict.fromkeys(_OF_KEYPOINTS, "policy.vision_backbone=keypoints")
     encoder = at(values, "policy.text_encoder")
     if encoder == "scratch":
         waiting["policy.sentence_noise"] = "policy.text_encoder=<folder>"

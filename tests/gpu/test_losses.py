@@ -66,9 +66,12 @@ def tiny(name, device, **changes):
     return policies.create(name, DATA.features, DATA.stats, config, device)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_loss_that_is_compiled_and_recorded_has_the_gradients_of_eager_code(name, caplog):
-    policy, batches = of_frames(name, replace(NARROW_CONFIGS[name], **EXACT[name], vision_backbone=SHALLOW))
+@pytest.mark.parametrize(
+    ("name", "backbone"),
+    [*((name, SHALLOW) for name in NAMES), ("act", "keypoints"), ("diffusion", "keypoints")],
+)
+def test_a_loss_that_is_compiled_and_recorded_has_the_gradients_of_eager_code(name, backbone, caplog):
+    policy, batches = of_frames(name, replace(NARROW_CONFIGS[name], **EXACT[name], vision_backbone=backbone))
     with caplog.at_level(logging.WARNING):
         fast = fast_objective(policy, batches[:NUM_BATCHES], "bf16", compile=True, cuda_graphs=True)
     assert "changes the gradient" not in caplog.text

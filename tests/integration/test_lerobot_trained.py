@@ -37,6 +37,9 @@ SETTINGS: dict[str, dict[str, Any]] = {
     },
     "vqbet": NOTHING_FETCHED | {"use_group_norm": True, "crop_shape": None},
     "keypoint_act": {"dim_model": 32, "n_heads": 2, "dim_feedforward": 32},
+    "keypoint_diffusion": {
+        "horizon": 8, "n_action_steps": 4, "down_dims": [32, 64], "num_inference_steps": 2,
+    },
     "multitask_act": {},
 }  # fmt: skip
 """Settings of types that need no backbone of others; the rest is LeRobot's default."""
@@ -45,7 +48,7 @@ TYPES = (
     *("act", "diffusion", "vqbet", "multi_task_dit", "smolvla", "xvla", "eo1", "evo1", "vla_jepa"),
     "molmoact2",
 )
-OURS = ("keypoint_act", "multitask_act")
+OURS = ("keypoint_act", "keypoint_diffusion", "multitask_act")
 """Types that our plugin brings to LeRobot."""
 
 ROOT = Path(__file__).resolve().parents[2]

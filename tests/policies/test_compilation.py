@@ -19,6 +19,7 @@ from tests.policies.examples import make
         ("act", {"backbone_norm": "batch"}, UNFUSED_OBJECTIVE_OPTIONS),
         ("act", {"backbone_norm": "frozen"}, OBJECTIVE_OPTIONS),
         ("diffusion", {}, OBJECTIVE_OPTIONS),
+        ("diffusion", {"vision_backbone": "keypoints"}, OBJECTIVE_OPTIONS),
     ],
 )
 def test_only_a_trained_batch_normalization_forbids_fusion(monkeypatch, name, changes, expected):

@@ -10,7 +10,7 @@ from torch import nn
 import policies
 from envs.core.errors import PolicyError
 from policies.act.config import ActConfig
-from policies.act.modeling_keypoint_act import KeypointBackbone, ResidualBlock
+from policies.keypoint_backbone import KeypointBackbone, ResidualBlock
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, observation, stats
 from tests.policies.test_lerobot import lerobot_chunk
 

@@ -36,6 +36,15 @@ def test_settings_of_one_text_encoder_are_refused_beside_the_other(encoder, key,
         compose("train", ["policy=mtact", f"text_encoder={encoder}", f"policy.{key}"])
 
 
+@pytest.mark.parametrize("policy", ["act", "diffusion"])
+def test_convolutions_of_keypoints_are_refused_beside_a_resnet(policy: str):
+    for key in ("conv_channels=[16]", "n_residual_blocks=0"):
+        said = rf"{key.partition('=')[0]} alone has no effect: add policy\.vision_backbone=keypoints, or"
+        with pytest.raises(ConfigError, match=said):
+            compose("train", [f"policy={policy}", f"policy.{key}"])
+        compose("train", [f"policy={policy}", "policy.vision_backbone=keypoints", f"policy.{key}"])
+
+
 @pytest.mark.parametrize("policy", ["lerobot", "octo"])
 def test_settings_of_adapters_need_a_method(policy: str):
     words = [f"policy={policy}", "policy.path=base", "peft.r=16"]
