@@ -67,7 +67,7 @@ POLICIES.add(
         policy="policies.diffusion.policy:DiffusionPolicy", config="policies.diffusion.config:DiffusionConfig"
     ),
     tags={"dataset"},
-    summary="Diffusion Policy with a ResNet18 and a 1D U-Net (arXiv:2303.04137)",
+    summary="Diffusion Policy with a ResNet18 or image keypoints, and a 1D U-Net (arXiv:2303.04137)",
 )
 POLICIES.add(
     "mtact",
