@@ -1,6 +1,7 @@
 """Reading a LeRobot pretrained folder: only JSON and safetensors, checked before anything is built."""
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +39,9 @@ _ADVICE = (
 _MOST_RUNS = 5
 """Runs that are named where a folder of them was given."""
 
+_MOST_PARTS = 5
+"""Folders from that of all runs to a run: the parts of a task's name (at most three), the policy, the run."""
+
 
 def resolve(directory: str | Path) -> Path:
     """Returns the pretrained folder that ``directory`` is or holds.
@@ -69,13 +73,28 @@ def _what_it_is(directory: Path) -> str:
             "is a dataset, and no checkpoint. Train a policy on it: roboverse train policy=act "
             f"dataset={directory}"
         )
-    of_runs = (path.parent for depth in (1, 2, 3) for path in directory.glob("*/" * depth + "checkpoints"))
-    if runs := sorted(run for run in of_runs if of_steps(run / "checkpoints")):
+    if (directory / "config.yaml").is_file():
+        if steps := of_steps(directory / "checkpoints"):
+            return f"is a run whose checkpoint '{steps[-1]}' has no pretrained_model/{CONFIG}. {_ADVICE}"
+        return f"is a run without a checkpoint yet. Go on with it first: roboverse train run={directory}"
+    if runs := _runs_in(directory):
         more = f", and {len(runs) - _MOST_RUNS} more" if len(runs) > _MOST_RUNS else ""
         return f"holds runs. Name one of them: {', '.join(map(str, runs[:_MOST_RUNS]))}{more}."
-    if (directory / "config.yaml").is_file():
-        return f"is a run without a checkpoint yet. Go on with it first: roboverse train run={directory}"
     return f"has no {CONFIG}. {_ADVICE}"
+
+
+def _runs_in(directory: Path) -> list[Path]:
+    """Returns the runs in a folder that have a checkpoint, as deep as names of tasks have parts."""
+    runs = []
+    for name, folders, _files in os.walk(directory):
+        folder = Path(name)
+        steps = of_steps(folder / "checkpoints")
+        if any((step / "pretrained_model" / CONFIG).is_file() for step in steps):
+            runs.append(folder)
+        is_deep = len(folder.relative_to(directory).parts) >= _MOST_PARTS
+        if is_deep or steps or "meta" in folders:  # nothing is looked for inside runs and datasets
+            folders.clear()
+    return sorted(runs)
 
 
 def of_steps(checkpoints: Path) -> list[Path]:

@@ -169,7 +169,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
             value = value.to(self.device, non_blocking=True)
             is_bytes = value.dtype is torch.uint8 and key in self.image_keys
             floats[key] = value.float().div_(255.0) if is_bytes else value
-        floats[TASK] = self.words(batch, len(batch[next(iter(self.shapes))]))
+        floats[TASK] = self.words(batch, len(next(iter(floats.values()))))
         processed = self.preprocessor(floats)
         # EO-1's processor hands its network the ids of two tokens as numbers; flags of LeRobot are none.
         return {

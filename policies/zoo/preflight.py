@@ -103,7 +103,9 @@ def _type_in(content: Mapping[str, Any], path: str) -> str:
     name = content.get("type")
     if isinstance(name, str):
         return name
-    kind = content.get("model_type")
+    kind = str(content.get("model_type") or "")
+    if kind in ("octo", "openvla"):
+        raise PolicyError(f"'{path}' is of {kind}: give policy={kind} policy.path={path}.")
     raise PolicyError(
         f"'{path}' is no checkpoint of LeRobot's: its config.json has no type"
         f"{f', and its model_type is {kind}' if kind else ''}. Give a folder that LeRobot or this project "

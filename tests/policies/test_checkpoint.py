@@ -52,14 +52,34 @@ def test_a_run_without_its_link_has_its_newest_checkpoint(tmp_path):
     assert resolve(tmp_path / "checkpoints") == resolve(tmp_path), "the folder of a run's checkpoints"
 
 
-def test_a_folder_that_holds_runs_names_some_of_them(tmp_path):
+def checkpoint_of(run):
+    folder = run / "checkpoints/000100/pretrained_model"
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text("{}")
+    (run / "config.yaml").write_text("")
+
+
+@pytest.mark.parametrize("task", ["PickCube", "libero/spatial/pick_up_the_bowl"])
+def test_a_folder_that_holds_runs_names_some_of_them(task, tmp_path):
+    folder = tmp_path / "runs" / task / "act"
     for index in range(7):
-        (tmp_path / f"runs/PickCube/act/run{index}/checkpoints/000100").mkdir(parents=True)
-    for folder in ("runs", "runs/PickCube", "runs/PickCube/act"):
+        checkpoint_of(folder / f"run{index}")
+    (folder / "begun").mkdir()
+    (folder / "begun/config.yaml").write_text("")
+    (tmp_path / "runs/data/meta").mkdir(parents=True)
+    while folder != tmp_path:
         with pytest.raises(
             PolicyError, match=r"holds runs\. Name one of them: \S+/run0, .*/run4, and 2 more\.$"
         ):
-            resolve(tmp_path / folder)
+            resolve(folder)
+        folder = folder.parent
+
+
+def test_a_run_whose_checkpoint_is_damaged_names_it(tmp_path):
+    checkpoint_of(tmp_path / "run")
+    (tmp_path / "run/checkpoints/000100/pretrained_model/config.json").unlink()
+    with pytest.raises(PolicyError, match=r"a run whose checkpoint '\S+/000100' has no pretrained"):
+        resolve(tmp_path / "run")
 
 
 def test_a_dataset_and_a_run_without_a_checkpoint_say_what_to_do(tmp_path):

@@ -275,6 +275,14 @@ class TestPreflight:
         with pytest.raises(PolicyError, match=said + r".* type=groot policy\.base_model_path=gr00t"):
             check("policy.path=gr00t")
 
+    @pytest.mark.parametrize("policy", ["octo", "openvla"])
+    def test_a_checkpoint_of_another_policy_here_names_that_policy(self, policy, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        write(tmp_path / "saved", model_type=policy)
+        (tmp_path / "saved" / "model.safetensors").write_bytes(b"weights")
+        with pytest.raises(PolicyError, match=rf"is of {policy}: give policy={policy} policy\.path=saved\."):
+            check("policy.path=saved")
+
     def test_a_setting_that_lerobots_preset_decides_is_refused(self):
         check("type=vqbet", "preset=gpu")
         for word in ("train.lr=1e-3", "train.betas=[0.5,0.9]"):
