@@ -38,14 +38,26 @@ def batch(size: int = 3) -> dict[str, torch.Tensor]:
     }
 
 
+def test_the_order_of_samples_and_observations_changes_nothing_of_each():
+    network, samples = make(second=WRIST).model.diffusion, batch()
+    samples["observation.images"] = torch.stack([samples[IMAGE], -samples[IMAGE]], 2)  # (B, T, cameras, …)
+    with torch.no_grad():
+        seen = network._prepare_global_conditioning(samples).unflatten(1, (2, -1))
+        turned = {key: value[[2, 0, 1]].flip(1) for key, value in samples.items()}
+        again = network._prepare_global_conditioning(turned).unflatten(1, (2, -1))
+    assert seen.shape == (3, 2, 9 + 2 * 2 * 4)
+    torch.testing.assert_close(again, seen[[2, 0, 1]].flip(1))
+    assert not seen[0, 0].isclose(seen[0, 1]).all() and not seen[0].isclose(seen[1]).all()
+
+
 def test_each_camera_has_convolutions_of_its_own_and_no_resnet():
     model = make(second=WRIST).model
     assert isinstance(model, KeypointDiffusionPolicy)
     backbones = [module for module in model.modules() if isinstance(module, KeypointBackbone)]
     assert len(backbones) == 2
     convolutions = (6 * 6 * 3 * 8 + 8) + (3 * 3 * 8 * 16 + 16)
-    norms, heatmaps, after_them = 2 * 8 + 2 * 16, 16 * 4 + 4, 8 * 8 + 8
-    of_one = convolutions + norms + heatmaps + after_them
+    norms, heatmaps = 2 * 8 + 2 * 16, 16 * 4 + 4
+    of_one = convolutions + norms + heatmaps
     assert sum(each.numel() for each in model.diffusion.rgb_encoder.parameters()) == 2 * of_one
 
 
@@ -104,13 +116,14 @@ def test_it_learns_where_a_spot_is():
     assert np.mean(errors[-20:]) < 0.25 * guess
 
 
-def test_autocast_computes_the_convolutions_alone_in_bf16():
-    encoder = make().model.diffusion.rgb_encoder[0]
-    images, seen = torch.rand(2, 3, SIZE, SIZE), []
-    encoder.backbone.features[0].register_forward_hook(lambda _m, _i, out: seen.append(out.dtype))
+def test_autocast_computes_no_keypoint_in_bf16():
+    policy, seen = make(), []
+    network = policy.model.diffusion
+    for module in (network.rgb_encoder[0].features[0], network.mixers[-1], network.unet):
+        module.register_forward_hook(lambda _m, _i, out: seen.append(out.dtype))
     with torch.autocast("cpu", torch.bfloat16), torch.no_grad():
-        features = encoder(images)
-    assert seen == [torch.bfloat16] and features.dtype is torch.float32
+        policy.loss(batch())
+    assert seen == [torch.bfloat16, torch.float32, torch.bfloat16]
 
 
 @pytest.mark.parametrize(
