@@ -39,9 +39,14 @@ class DiffusionConfig:
         state_noise: Standard deviation of the noise that training adds to the normalized joint positions.
         conv_channels: Of ``keypoints``: channels of each convolution of a camera, multiples of 8.
         n_residual_blocks: Of ``keypoints``: residual blocks of two convolutions each that follow these.
+        drop_n_last_frames: Frames at the end of an episode that are no training samples of their own; None is
+            ``horizon - n_action_steps - n_obs_steps + 1``, as in the original. With 0 the policy learns to
+            hold still at the end: actions after it repeat the last.
     """
 
-    younger: ClassVar[tuple[str, ...]] = ("state_noise", "conv_channels", "n_residual_blocks")
+    younger: ClassVar[tuple[str, ...]] = (
+        *("state_noise", "conv_channels", "n_residual_blocks", "drop_n_last_frames"),
+    )
     """Keys that are no part of a run's name at their defaults: older runs, made without them, keep theirs."""
 
     n_obs_steps: int = 3
@@ -62,6 +67,7 @@ class DiffusionConfig:
     state_noise: float = 0.0
     conv_channels: tuple[int, ...] = (32, 32, 64)
     n_residual_blocks: int = 0
+    drop_n_last_frames: int | None = None
 
     def __post_init__(self) -> None:
         factor = 2 ** len(self.down_dims)
@@ -77,8 +83,9 @@ class DiffusionConfig:
                 f"policy.n_action_steps={self.n_action_steps} must be from 1 to {longest}: of the "
                 f"{self.horizon} predicted actions, policy.n_obs_steps - 1 = {self.n_obs_steps - 1} are past."
             )
+        from_0 = ("n_residual_blocks", "drop_n_last_frames")
         from_1 = ("n_obs_steps", "spatial_softmax_num_keypoints")
-        check_ranges(self, "policy.", from_1=from_1, from_0=("n_residual_blocks",), error=PolicyError)
+        check_ranges(self, "policy.", from_0=from_0, from_1=from_1, error=PolicyError)
         for name in ("down_dims", "conv_channels"):
             widths = getattr(self, name)
             if not widths or any(width % 8 or width <= 0 for width in widths):

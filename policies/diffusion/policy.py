@@ -37,6 +37,9 @@ class DiffusionPolicy(LeRobotPolicy):
         cls, config: DiffusionConfig, inputs: Features, outputs: Features, device: str
     ) -> PreTrainedConfig:
         """Returns LeRobot's configuration."""
+        dropped = config.drop_n_last_frames
+        if dropped is None:
+            dropped = max(0, config.horizon - config.n_action_steps - config.n_obs_steps + 1)
         shared: dict[str, Any] = dict(
             device=device,
             input_features=inputs,
@@ -45,7 +48,7 @@ class DiffusionPolicy(LeRobotPolicy):
             n_obs_steps=config.n_obs_steps,
             horizon=config.horizon,
             n_action_steps=config.n_action_steps,
-            drop_n_last_frames=max(0, config.horizon - config.n_action_steps - config.n_obs_steps + 1),
+            drop_n_last_frames=dropped,
             down_dims=tuple(config.down_dims),
             kernel_size=config.kernel_size,
             diffusion_step_embed_dim=config.diffusion_step_embed_dim,

@@ -137,6 +137,12 @@ def test_delta_indices():
     assert deltas[IMAGE] == deltas["observation.state"] == [-1, 0]
 
 
+def test_diffusion_leaves_out_the_last_frames_of_an_episode_unless_told():
+    assert make("diffusion").drop_last_frames == 8 - 4 - 2 + 1
+    assert make("diffusion", drop_n_last_frames=0).drop_last_frames == 0
+    assert make("diffusion", n_action_steps=7).drop_last_frames == 0
+
+
 def test_bytes_and_floats_are_normalized_alike():
     policy = make("act")
     images = torch.randint(0, 256, (2, 3, SIZE, SIZE), dtype=torch.uint8)
