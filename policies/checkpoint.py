@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +36,8 @@ _ADVICE = (
     "policy_preprocessor.json and policy_postprocessor.json, such as "
     "<run>/checkpoints/last/pretrained_model. Name another checkpoint, or train again."
 )
-_MOST_RUNS = 5
-"""Runs that are named where a folder of them was given."""
+_MOST_NAMED = 5
+"""Runs that are named where a folder of them was given, and learned tasks: a suite has a hundred."""
 
 _MOST_PARTS = 5
 """Folders from that of all runs to a run: the parts of a task's name (at most three), the policy, the run."""
@@ -78,8 +78,8 @@ def _what_it_is(directory: Path) -> str:
             return f"is a run whose checkpoint '{steps[-1]}' has no pretrained_model/{CONFIG}. {_ADVICE}"
         return f"is a run without a checkpoint yet. Go on with it first: roboverse train run={directory}"
     if runs := _runs_in(directory):
-        more = f", and {len(runs) - _MOST_RUNS} more" if len(runs) > _MOST_RUNS else ""
-        return f"holds runs. Name one of them: {', '.join(map(str, runs[:_MOST_RUNS]))}{more}."
+        more = f", and {len(runs) - _MOST_NAMED} more" if len(runs) > _MOST_NAMED else ""
+        return f"holds runs. Name one of them: {', '.join(map(str, runs[:_MOST_NAMED]))}{more}."
     return f"has no {CONFIG}. {_ADVICE}"
 
 
@@ -151,27 +151,32 @@ def learned_tasks(path: str | Path) -> tuple[str, ...]:
     return (str(task),) if task else ()
 
 
-def check_learned(directory: Path, task: str, *, other_tasks: bool = False) -> None:
-    """Refuses a task that an agent did not learn, whose observations mean something else to it.
+def check_learned(
+    directory: Path, task: str, learned: Sequence[str] | None = None, *, other_tasks: bool = False
+) -> None:
+    """Refuses a task that a policy did not learn, whose observations mean something else to it.
 
     Args:
         directory: A pretrained folder.
         task: What it is to act in.
+        learned: The tasks that it is known to have learned, of which nothing is known where there is none; by
+            default those that the folder lists.
         other_tasks: Whether a policy of demonstrations may act in a task that it did not learn.
 
     Raises:
-        PolicyError: if the folder lists the tasks of its policy, and this is none of them.
+        PolicyError: if tasks are known, and this is none of them.
     """
-    learned = learned_tasks(directory) or (task,)
-    if task in learned:
+    learned = learned_tasks(directory) if learned is None else learned
+    if not learned or task in learned:
         return
     reads = "input_features" in read_json(resolve(directory) / CONFIG)  # LeRobot's; agents take no words
     if not (reads and other_tasks):
         advice = ", or evaluate it there nevertheless with other_tasks=true" if reads else ""
-        tasks = f"task{'s' * (len(learned) > 1)} {' and '.join(learned)}"
+        shown, more = learned[:_MOST_NAMED], len(learned) - _MOST_NAMED
+        named = f"{', '.join(shown)} and {more} more" if more > 0 else " and ".join(shown)
         raise PolicyError(
-            f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the {tasks}, not {task}. "
-            f"Give task={' or task='.join(learned)}, or "
+            f"Checkpoint '{directory}' of policy '{policy_type(directory)}' learned the "
+            f"task{'s' * (len(learned) > 1)} {named}, not {task}. Give task={' or task='.join(shown)}, or "
             f"train it on {task}{advice}."
         )
 

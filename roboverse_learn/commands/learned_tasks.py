@@ -1,13 +1,9 @@
 """The tasks that a checkpoint was trained on, as far as it, or its run, says so."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from envs.core.errors import PolicyError
 from roboverse_learn.config.schema import TrainRunConfig
-
-_MOST_NAMED = 5
-"""Learned tasks that an error names; a suite has a hundred."""
 
 
 def known_tasks(checkpoint: Path) -> tuple[str, ...]:
@@ -36,32 +32,6 @@ def learned_together(checkpoint: Path) -> tuple[str, ...]:
     """Returns the tasks that a checkpoint was trained on together; none where it was one."""
     learned = known_tasks(checkpoint)
     return learned if len(learned) > 1 else ()
-
-
-def check_run_learned(checkpoint: Path, learned: Sequence[str], task: str, *, other_tasks: bool) -> None:
-    """Refuses a task that the run of a checkpoint did not train.
-
-    Args:
-        checkpoint: The pretrained folder.
-        learned: The tasks that it is known to have learned.
-        task: The task that it is to be evaluated in.
-        other_tasks: Whether that is wanted all the same.
-
-    Raises:
-        PolicyError: It is not wanted, and the task is none of those that are known to be learned.
-    """
-    from policies.checkpoint import policy_type
-
-    if other_tasks or not learned or task in learned:
-        return
-    shown, more = learned[:_MOST_NAMED], len(learned) - _MOST_NAMED
-    further = f" and {more} more" if more > 0 else ""
-    raise PolicyError(
-        f"Checkpoint '{checkpoint}' of policy '{policy_type(checkpoint)}' learned the "
-        f"task{'s' * (len(learned) > 1)} {(', ' if further else ' and ').join(shown)}{further}, not {task}. "
-        f"Give task={' or task='.join(shown)}, or train it on {task}, or evaluate it there nevertheless "
-        "with other_tasks=true."
-    )
 
 
 def _tasks_of_run(folder: Path, trained: TrainRunConfig) -> tuple[str, ...]:

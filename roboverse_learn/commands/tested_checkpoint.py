@@ -20,7 +20,7 @@ from roboverse_learn.commands.learned_robots import (
     recorded_robots,
     warn_of_joints,
 )
-from roboverse_learn.commands.learned_tasks import check_run_learned, known_tasks, learned_together
+from roboverse_learn.commands.learned_tasks import known_tasks, learned_together
 from roboverse_learn.commands.scene_labels import fit_for_a_file, recorded_materials, scenario_name
 from roboverse_learn.config.scenario_overrides import checked_scenario
 from roboverse_learn.config.schema import (
@@ -111,6 +111,7 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
         PolicyError: It is known to have learned other tasks, and ``other_tasks`` does not ask for this one.
         RoboVerseError: as :func:`checkpoint_to_test`.
     """
+    from policies.checkpoint import check_learned
     from roboverse_learn.config.serialize import task_names
 
     tasks: Sequence[str] = ()
@@ -123,7 +124,7 @@ def checkpoints_to_test(config: EvaluateConfig) -> list[TestedCheckpoint]:
     for tested in found:
         if tested.checkpoint is not None:
             given, asked = tested.training.tasks, config.evaluate.other_tasks
-            check_run_learned(tested.checkpoint, given, tested.env.task, other_tasks=asked)
+            check_learned(tested.checkpoint, tested.env.task, given, other_tasks=asked)
     return found
 
 

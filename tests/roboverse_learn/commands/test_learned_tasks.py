@@ -10,7 +10,8 @@ import yaml
 
 from envs.core.errors import PolicyError
 from envs.tasks.suites import SUITES
-from roboverse_learn.commands import chains, learned_tasks
+from policies.checkpoint import check_learned
+from roboverse_learn.commands import chains
 from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.commands.suite import evaluate_suite
 from roboverse_learn.commands.tested_checkpoint import TestedCheckpoint, checkpoints_to_test
@@ -63,7 +64,7 @@ def test_many_learned_tasks_are_named_in_part(run: Path) -> None:
     with pytest.raises(
         PolicyError, match=r"the tasks task0, .*, task4 and 4 more, not StackCube\. Give"
     ) as said:
-        learned_tasks.check_run_learned(checkpoint, names, "StackCube", other_tasks=False)
+        check_learned(checkpoint, "StackCube", names)
     assert "task5" not in str(said.value)
 
 
