@@ -15,7 +15,7 @@ from tests.understood import understand
 ROOT = Path(__file__).parents[1]
 STEPS = (
     *("processes", "collection", "vla", "table", "shifts", "nuts", "nuts_quick", "level3", "new_looks"),
-    *("nuts_diffusion", "keypoint_diffusion", "ppo_rgb", "h1hand"),
+    *("nuts_diffusion", "hold_diffusion", "ppo_rgb", "h1hand"),
     *("generated", "corrections", "multi_task", "wording", "grasp", "grasp_vla"),
     *("libero", "libero_places", "calvin", "axes"),
 )
