@@ -102,6 +102,7 @@ CHOSEN = {
     "policy.substeps": 5,
     "policy.prediction_type": "sample",
     "policy.head": "flow",
+    "policy.drop_n_last_frames": 0,
     "policy.trained": "head",
     "policy.actor_dim": 256,
     "policy.critic_dim": 512,
@@ -164,6 +165,8 @@ def test_every_key_can_be_set_and_survives_the_saved_configuration(
     beside["policy.peft.r"] = "policy.path=base peft.method_type=LORA"
     beside["policy.num_inference_steps"] = "policy.head=flow" if policy == "mtact" else ""
     beside["policy.sentence_noise"] = "policy.text_encoder=."
+    for name in ("conv_channels", "n_residual_blocks"):
+        beside[f"policy.{name}"] = "policy.vision_backbone=keypoints"
     words += beside.get(key, "").split()
     augments = command in ("collect", "train") and key.startswith(("augment.", "from_dataset"))
     words += ["source=augment", "task=PickCube", "from=datasets/few"] if augments else []
