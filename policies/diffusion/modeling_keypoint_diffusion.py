@@ -50,10 +50,10 @@ class KeypointDiffusion(DiffusionModel):
     """The network.
 
     Args:
-        config: Its sizes.
+        config: Its sizes, a :class:`KeypointDiffusionConfig`.
     """
 
-    def __init__(self, config: KeypointDiffusionConfig) -> None:
+    def __init__(self, config: Any) -> None:
         nn.Module.__init__(self)  # likewise
         self.config = config
         n_keypoints, size = config.spatial_softmax_num_keypoints, config.robot_state_feature.shape[0]
