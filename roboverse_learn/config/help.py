@@ -203,7 +203,7 @@ PRESETS = {
     "gpu": "one cell of the leaderboard in about ten minutes of one data-centre GPU",
     "locomotion": "the full size, with PPO's horizon and noise for robots on legs",
     "pixels": "the full size, with PPO learning from images of 64 pixels a side",
-    "quick": "the whole loop on two CPU cores in six to thirteen minutes",
+    "quick": "the whole loop on two CPU cores, with ACT in six to thirteen minutes",
 }
 
 
