@@ -25,6 +25,7 @@ _COMMAND = "python -m roboverse_learn.training.imitation.small_backbone"
 
 _VOCABULARY = 1024
 _PATCH_PX = 16
+_LR = 5e-4  # from scratch; LeRobot's are those of fine-tuning
 _SMOLVLM_IMAGE_TOKENS = {
     "image_token": "<image>",
     "fake_image_token": "<fake_token_around_image>",
@@ -113,7 +114,7 @@ def _smolvla(folder: Path, texts: list[str], image_px: int) -> dict[str, Any]:
     return {
         "vlm_model_name": folder, "num_vlm_layers": 4, "freeze_vision_encoder": False,
         "train_expert_only": False, "resize_imgs_with_padding": [image_px, image_px], "chunk_size": 20,
-        "n_action_steps": 10,
+        "n_action_steps": 10, "optimizer_lr": _LR,
     }  # fmt: skip
 
 
@@ -185,7 +186,8 @@ def _multi_task_dit(folder: Path, texts: list[str], image_px: int) -> dict[str, 
         "vision_encoder_name": folder, "text_encoder_name": folder, "vision_encoder_lr_multiplier": 1.0,
         "image_resize_shape": [image_px, image_px], "image_crop_shape": [image_px, image_px],
         "hidden_dim": 256, "num_layers": 4, "num_heads": 4, "horizon": 32, "n_action_steps": 10,
-        "objective": "flow_matching", "num_integration_steps": 10,
+        "objective": "flow_matching", "num_integration_steps": 10, "drop_n_last_frames": 0, "dropout": 0.0,
+        "optimizer_lr": _LR,
     }  # fmt: skip
 
 

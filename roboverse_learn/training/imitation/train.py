@@ -38,6 +38,9 @@ from roboverse_learn.training.reporter import Progress, Reporter, TrainResult, s
 
 logger = logging.getLogger(__name__)
 
+_FEW_FRAMES = 0.1
+"""Share of the frames below which those that begin no sample are not mentioned."""
+
 
 class FrameDataset(Protocol):
     """What training needs of a dataset; see :class:`roboverse_learn.data.dataset.reader.ResidentDataset`."""
@@ -117,6 +120,10 @@ class _Trainer:
             rank=self.rank,
             world_size=self.world,
         )
+        if self.is_main:
+            _warn_of_frames_left_out(
+                policy.drop_last_frames, self.sampler.num_frames, dataset.info.num_frames
+            )
         self.keys = [*policy.shapes, *policy.columns]
         policy.begin_training()
         if self.world > 1:
@@ -358,3 +365,15 @@ class _Trainer:
     def _report(self, event: str, *arguments: Any) -> None:
         if self.is_main:
             getattr(self.reporter, event)(*arguments)
+
+
+def _warn_of_frames_left_out(frames: int, num_sampled: int, num_frames: int) -> None:
+    """Warns where many frames begin no sample, since a policy that never acts there cannot end its task."""
+    share = 1.0 - num_sampled / num_frames
+    if share >= _FEW_FRAMES:
+        logger.warning(
+            "The last %d frames of every episode begin no training sample, %.0f %% of all: the policy does "
+            "not learn to act there. A policy with the key policy.drop_n_last_frames learns it with 0.",
+            frames,
+            100.0 * share,
+        )

@@ -31,7 +31,10 @@ class SquareFrames:
         }
         starts = np.arange(num_episodes) * EPISODE_LENGTH
         self.info = SimpleNamespace(
-            num_episodes=num_episodes, episode_starts=starts, episode_ends=starts + EPISODE_LENGTH
+            num_episodes=num_episodes,
+            num_frames=n,
+            episode_starts=starts,
+            episode_ends=starts + EPISODE_LENGTH,
         )
         self._starts = np.repeat(starts, EPISODE_LENGTH)
 

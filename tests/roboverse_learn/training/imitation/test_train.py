@@ -201,6 +201,14 @@ def test_what_a_run_leaves_and_reports(tmp_path):
     } == row.keys()
 
 
+@pytest.mark.parametrize(("dropped", "said"), [(None, "The last 3 frames"), (0, "")])
+def test_frames_that_begin_no_sample_are_named(dropped, said, tmp_path, caplog):
+    policy = make("diffusion", drop_n_last_frames=dropped)
+    train(policy, DATA, replace(CONFIG, steps=1), tmp_path)
+    assert [record.message.partition(" of every")[0] for record in caplog.records] == [said] * bool(said)
+    assert ("30 % of all" in caplog.text) is bool(said)
+
+
 def test_a_complete_run_is_not_trained_again(five_steps):
     config = replace(CONFIG, steps=5)
     again = train(make("act"), DATA, config, five_steps)
