@@ -132,7 +132,7 @@ def compose(command: str, words: Sequence[str], given: Mapping[str, Any] | None 
     _split_tasks(command, values, names_others="policy.tasks" in keys)
     _name_task_and_cameras(command, values, typed)
     config = from_values(command, values)
-    check_idle_keys(values, keys)
+    check_idle_keys(values, [*keys, *flat_keys(of_recipe)])
     return config
 
 

@@ -1,5 +1,7 @@
 """Keys that have no effect beside the others are refused, also at their defaults."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from envs.core.errors import ConfigError
@@ -43,6 +45,16 @@ def test_convolutions_of_keypoints_are_refused_beside_a_resnet(policy: str):
         with pytest.raises(ConfigError, match=said):
             compose("train", [f"policy={policy}", f"policy.{key}"])
         compose("train", [f"policy={policy}", "policy.vision_backbone=keypoints", f"policy.{key}"])
+
+
+def test_keys_of_a_recipe_count_as_typed(tmp_path):
+    recipe = tmp_path / "deep.yaml"
+    for backbone, refused in (("resnet18", True), ("keypoints", False)):
+        recipe.write_text(
+            f"policy_name: act\npolicy: {{vision_backbone: {backbone}, n_residual_blocks: 4}}\n"
+        )
+        with pytest.raises(ConfigError, match="n_residual_blocks alone") if refused else nullcontext():
+            compose("train", [f"recipe={recipe}"])
 
 
 @pytest.mark.parametrize("policy", ["lerobot", "octo"])
