@@ -9,6 +9,7 @@ from envs.core.errors import ConfigError
 from envs.core.registry import Entry
 from envs.experts.counts import read_counts
 from envs.tasks import TASKS
+from roboverse_learn.commands.columns import columns
 
 WIDTH = 110
 HEADINGS = ("task", "source", "expert", "demos", "what to do")
@@ -81,15 +82,7 @@ def _table(entries: Sequence[Entry], datasets_dir: Path) -> list[str]:
         expert = str(counts.get(entry.name, unmeasured))
         demos = str(count_demos(datasets_dir, entry.name))
         rows.append((entry.name, entry.info.get("source", ""), expert, demos, entry.summary))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADINGS) - 1)]
-    lines = []
-    for row in rows:
-        cells = [
-            text.rjust(width) if column in _RIGHT else text.ljust(width)
-            for column, (text, width) in enumerate(zip(row[:-1], widths, strict=True))
-        ]
-        lines.append("  " + "  ".join([*cells, row[-1]]))
-    return lines
+    return columns(rows, _RIGHT)
 
 
 def count_demos(datasets_dir: Path, task: str) -> int:

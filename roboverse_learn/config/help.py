@@ -11,7 +11,7 @@ from typing import Any
 
 import policies
 from envs.core.docstrings import plain
-from envs.core.errors import unknown_name
+from envs.core.errors import ConfigError, unknown_name
 from envs.spec import EnvSpec
 from envs.tasks import TASKS
 from envs.tasks.suites import PAPER, SUITES, suite_tasks
@@ -122,6 +122,7 @@ EXAMPLES = {
         "roboverse list   (everything)",
         "roboverse list policies robots   (some kinds)",
         "roboverse list tasks libero drawer   (tasks that have all of these words)",
+        "roboverse list runs   (what is in runs_dir=runs: state, steps, success)",
     ),
 }
 
@@ -173,29 +174,35 @@ def listing(datasets_dir: str | None = None, kinds: Sequence[str] = (), words: S
 
 
 def list_command(words: Sequence[str]) -> str:
-    """Returns the text of ``roboverse list [kind ...] [word ...] [datasets_dir=<folder>]``.
+    """Returns the text of ``roboverse list [kind ...] [word ...] [key=<folder>]``.
 
-    Words after ``tasks`` choose tasks that have all of them: ``roboverse list tasks libero drawer``.
+    Words after ``tasks`` choose tasks that have all of them: ``roboverse list tasks libero drawer``. Runs are
+    listed where they are named alone.
 
     Raises:
         UnknownNameError: if another kind or key is given.
-        ConfigError: if no task has the words, or the folder's name is empty.
+        ConfigError: if no task has the words, or a folder's name is empty.
     """
-    folder, kinds, chosen = "datasets", [], []
+    folders, kinds, chosen = {"datasets_dir": "datasets", "runs_dir": "runs"}, [], []
     for word in words:
         key, is_setting, value = word.partition("=")
-        if is_setting and key != "datasets_dir":
-            raise unknown_name("key of list", key, ("datasets_dir",))
+        if is_setting and key not in folders:
+            raise unknown_name("key of list", key, folders)
         if is_setting:
             check_path(key, key, value)
-            folder = value
-        elif word in KINDS:
+            folders[key] = value
+        elif word in KINDS or word == _RUNS:
             kinds.append(word)
         elif kinds == ["tasks"]:
             chosen.append(word)
         else:
-            raise unknown_name("kind of thing to list", word, KINDS)
-    return listing(folder, kinds, chosen)
+            raise unknown_name("kind of thing to list", word, (*KINDS, _RUNS))
+    if kinds == [_RUNS]:
+        runs = importlib.import_module("roboverse_learn.commands.run_list")
+        return runs.runs_in_detail(Path(folders["runs_dir"]))
+    if _RUNS in kinds:
+        raise ConfigError("Runs are listed alone: roboverse list runs.")
+    return listing(folders["datasets_dir"], kinds, chosen)
 
 
 PRESETS = {
@@ -232,6 +239,9 @@ KINDS: Mapping[str, str | Callable[[], list[tuple[str, str]]]] = {
     "presets": lambda: [(name, PRESETS.get(name, "")) for name in preset_names()],
 }
 """Sections of ``roboverse list``, in order: a registry, or what returns the rows."""
+
+_RUNS = "runs"
+"""What ``roboverse list`` shows where it is named alone, since it is of a folder, not of the installation."""
 
 _MANY = {"tasks": (TASKS.names, PAPER[:3]), "suites": (SUITES.names, ("paper", "libero", "metaworld"))}
 """Kinds of which a help text gives the number and a few names."""
