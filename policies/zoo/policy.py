@@ -5,6 +5,7 @@ Shapes: n environments or samples, T observations in time, C, H, W an image, A a
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Self, override
 
@@ -53,6 +54,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
         self.assets, self.rename_map = dict(assets), dict(rename_map)
         self.sees_any_size = self.model.config.type not in NEEDS_NOTHING
         self._preset = False
+        self._dropped: int | None = None
 
     @classmethod
     @override
@@ -86,6 +88,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
             model = adapters.wrap(model, config.peft, base_name(config.path))
         policy = cls(model.to(device).eval(), processors, assets, rename)
         policy._preset = config.use_policy_training_preset
+        policy._drop_last_frames(config.drop_n_last_frames)
         return policy
 
     @override
@@ -216,7 +219,15 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
     @property
     @override
     def drop_last_frames(self) -> int:
+        if self._dropped is not None:
+            return self._dropped
         return getattr(self.model.config, "drop_n_last_frames", 0) or 0
+
+    def _drop_last_frames(self, frames: int | None) -> None:
+        """Sets how many frames begin no sample, in LeRobot's configuration too where that has a setting."""
+        self._dropped, config = frames, self.model.config
+        if frames is not None and any(field.name == "drop_n_last_frames" for field in fields(config)):
+            config.drop_n_last_frames = frames
 
     @override
     def training_config(self, config: Any) -> Any:

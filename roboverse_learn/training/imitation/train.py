@@ -373,7 +373,7 @@ def _warn_of_frames_left_out(frames: int, num_sampled: int, num_frames: int) -> 
     if share >= _FEW_FRAMES:
         logger.warning(
             "The last %d frames of every episode begin no training sample, %.0f %% of all: the policy does "
-            "not learn to act there. A policy with the key policy.drop_n_last_frames learns it with 0.",
+            "not learn to act there. With policy.drop_n_last_frames=0 it does.",
             frames,
             100.0 * share,
         )

@@ -325,6 +325,17 @@ def vqbet():
 
 
 @pytest.mark.slow
+def test_frames_that_begin_no_sample_are_those_that_are_given():
+    def dropped(frames: int | None) -> int:
+        config = LeRobotConfig(type="vqbet", settings=VQBET, drop_n_last_frames=frames)
+        return policies.create("lerobot", FEATURES, stats(), config).drop_last_frames
+
+    assert (dropped(None), dropped(0), dropped(3)) == (0, 0, 3)
+    with pytest.raises(PolicyError, match="drop_n_last_frames must be 0 or more, given -1"):
+        dropped(-1)
+
+
+@pytest.mark.slow
 def test_a_type_without_language_is_made_saved_and_loaded(vqbet, tmp_path):
     seen = observation(vqbet, 2)
     actions = vqbet.act(seen, generators(2))

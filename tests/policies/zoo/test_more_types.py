@@ -100,6 +100,14 @@ def test_fine_tuned_actions_have_the_width_of_the_dataset(trained):
     assert policy.act(vla.observation(policy), generators(2)).shape[-1] == 5
 
 
+@pytest.mark.parametrize("trained", of_types("groot"), indirect=True)
+def test_every_frame_begins_a_sample_where_that_is_asked_for(trained):
+    path = str(trained.checkpoint)
+    for given, dropped in ((None, len(trained.policy.delta_indices["action"]) - 1), (0, 0)):
+        config = LeRobotConfig(path=path, drop_n_last_frames=given)
+        assert policies.create("lerobot", FEATURES, vla.with_quantiles(), config).drop_last_frames == dropped
+
+
 def statistics(pipeline) -> np.ndarray:
     """Returns the least actions that the one step of a pipeline knows which normalizes."""
     (step,) = (step for step in pipeline.steps if getattr(step, "stats", None))

@@ -50,6 +50,7 @@ class TestBackbone:
         assert isinstance(config, LeRobotConfig)
         policy = policies.create("lerobot", FEATURES, plain_stats(FEATURES), config)
         assert 1e6 < policy.n_params < 3e7
+        assert policy.drop_last_frames == 0
         losses = steps(policy, WORDS, count=5)
         assert np.isfinite(losses).all() and losses[-1] < losses[0]
         policy.save(tmp_path / "saved")
