@@ -132,7 +132,8 @@ def compared(rows: Sequence[Mapping[str, float]], successes: Sequence[bool]) -> 
         below, above = np.quantile(each, (1 / 3, 2 / 3))
         low, high = won[each <= below], won[each >= above]
         table = [[int(low.sum()), int((~low).sum())], [int(high.sum()), int((~high).sum())]]
-        p = float(fisher_exact(table)[1])
+        test: Any = fisher_exact(table)
+        p = float(test.pvalue)
         factor = Factor(
             name=name,
             bounds=(float(below), float(above)),
