@@ -105,7 +105,8 @@ def _section(name: str) -> str:
         if any(row[0].startswith(f"{SECTION}.") for row in rows):
             parts.append("Keys of the scene: see [below](#keys-of-a-scene).")
     elif name == "list":
-        parts.append(f"Kinds: {', '.join(f'`{kind}`' for kind in help_texts.KINDS)}; none lists all.")
+        kinds = ", ".join(f"`{kind}`" for kind in help_texts.KINDS)
+        parts.append(f"Kinds: {kinds}; none lists all. `{help_texts.RUNS}` alone lists runs.")
     elif name == "speed":
         entries = ((name, PROGRAMS.entry(name).summary) for name in PROGRAMS)
         parts.append(_table(("program", "what it measures"), ((f"`{name}`", text) for name, text in entries)))

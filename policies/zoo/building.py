@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from policies.zoo.assets import carried, read_assets, tokenizer_from
 from policies.zoo.config import LeRobotConfig, check_preset
 from policies.zoo.preflight import check_type_packages
 from policies.zoo.source import local_folder
-from policies.zoo.types import EXTRA, type_names
+from policies.zoo.types import DROP_LAST_FRAMES, EXTRA, type_names
 from policies.zoo.weights import load_tensors, read_tensors
 
 _NORMALIZERS = ("normalizer_processor", "molmoact2_masked_normalizer")
@@ -123,6 +123,8 @@ def _decode(type_name: str, content: dict[str, Any], device: str, where: str) ->
             f"{', '.join(type_names())}."
         ) from error
     content = content | {"device": device, "push_to_hub": False}
+    if DROP_LAST_FRAMES not in {field.name for field in fields(found)}:
+        content.pop(DROP_LAST_FRAMES, None)  # of training alone
     if "pretrained_backbone_weights" in content:  # torchvision's would be downloaded
         content["pretrained_backbone_weights"] = None
     with _readable(f"LeRobot refuses the settings of '{where}'"):

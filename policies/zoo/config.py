@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from envs.core.errors import PolicyError
-from policies.zoo.types import check_settings, check_type
+from policies.zoo.types import DROP_LAST_FRAMES, check_settings, check_type
 
 IMAGE_PREFIX = "observation.images."
 
@@ -59,25 +59,21 @@ class LeRobotConfig:
         use_policy_training_preset: Train with the learning rate, moments, weight decay and clipping of
             LeRobot's
             configuration (policy.optimizer_*); false takes train.lr and its like.
-        drop_n_last_frames: Frames at the end of an episode that are no training samples of their own; None is
-            what LeRobot's type says: 21 of multi_task_dit, one less than its actions of groot, none of most.
-            With 0 the policy learns to end an episode that is short, as ours are: actions after it repeat the
-            last.
-        settings: LeRobot's own settings, typed as policy.<key>.
+        settings: LeRobot's own settings, typed as policy.<key>. Any type takes ``policy.drop_n_last_frames``:
+            frames at the end of an episode that are no training samples of their own. Multi-Task DiT leaves
+            out ``horizon - n_action_steps - n_obs_steps + 1``, GR00T one less than its actions, most none.
+            With 0 a policy learns how an episode ends: actions after it repeat the last.
         rename_map: Camera of the dataset to camera of the policy, as {front: camera1}.
         peft: Training of adapters.
     """
 
     open_field: ClassVar[str] = "settings"
-    younger: ClassVar[tuple[str, ...]] = ("drop_n_last_frames",)
-    """Keys that are no part of a run's name at their defaults: older runs, made without them, keep theirs."""
 
     tasks: tuple[str, ...] = ()
     type: str = ""
     path: str = ""
     tokenizer: str = ""
     use_policy_training_preset: bool = True
-    drop_n_last_frames: int | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     rename_map: dict[str, str] = field(default_factory=dict)
     peft: PeftConfig = field(default_factory=PeftConfig)
@@ -87,8 +83,9 @@ class LeRobotConfig:
             check_type(self.type)
             check_settings(self.type, self.settings)
         full_rename_map(self.rename_map)
-        if self.drop_n_last_frames is not None and self.drop_n_last_frames < 0:
-            raise PolicyError(f"drop_n_last_frames must be 0 or more, given {self.drop_n_last_frames}.")
+        dropped = self.settings.get(DROP_LAST_FRAMES)
+        if dropped is not None and (not isinstance(dropped, int) or dropped < 0):
+            raise PolicyError(f"policy.{DROP_LAST_FRAMES} must be a whole number from 0 on, given {dropped}.")
         if self.peft.method_type and not self.path:
             raise PolicyError(
                 "peft.* adapts a trained policy: give policy.path=<folder or hub name>, or leave out "

@@ -5,7 +5,6 @@ Shapes: n environments or samples, T observations in time, C, H, W an image, A a
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Self, override
 
@@ -31,6 +30,7 @@ from policies.zoo.features import keep_cameras, matched_inputs, statistics
 from policies.zoo.fine_tuned import TASK, FineTunedPolicy
 from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
 from policies.zoo.source import base_name
+from policies.zoo.types import DROP_LAST_FRAMES
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +88,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
             model = adapters.wrap(model, config.peft, base_name(config.path))
         policy = cls(model.to(device).eval(), processors, assets, rename)
         policy._preset = config.use_policy_training_preset
-        policy._drop_last_frames(config.drop_n_last_frames)
+        policy._dropped = config.settings.get(DROP_LAST_FRAMES)
         return policy
 
     @override
@@ -221,13 +221,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
     def drop_last_frames(self) -> int:
         if self._dropped is not None:
             return self._dropped
-        return getattr(self.model.config, "drop_n_last_frames", 0) or 0
-
-    def _drop_last_frames(self, frames: int | None) -> None:
-        """Sets how many frames begin no sample, in LeRobot's configuration too where that has a setting."""
-        self._dropped, config = frames, self.model.config
-        if frames is not None and any(field.name == "drop_n_last_frames" for field in fields(config)):
-            config.drop_n_last_frames = frames
+        return getattr(self.model.config, DROP_LAST_FRAMES, 0) or 0
 
     @override
     def training_config(self, config: Any) -> Any:

@@ -17,6 +17,9 @@ from envs.core.errors import PolicyError, suggest, unknown_name
 EXTRA = "vla"
 """Our optional extra with what the types need beside LeRobot."""
 
+DROP_LAST_FRAMES = "drop_n_last_frames"
+"""A setting of some of LeRobot's types that every type takes here: it decides what is sampled."""
+
 _NOT_FOR_DEMONSTRATIONS = ("gaussian_actor", "tdmpc")
 """Registered types that need rewards."""
 
@@ -82,7 +85,7 @@ def check_settings(name: str, given: dict[str, Any]) -> None:
             raise PolicyError(
                 f"policy.{key} is not given by hand: the dataset, policy.path, peft.* or device decide it."
             )
-        if valid and key not in valid:
+        if valid and key not in (*valid, DROP_LAST_FRAMES):
             raise PolicyError(
                 f"LeRobot's {name} has no setting '{key}'.{suggest(key, valid)} Valid: "
                 f"{', '.join(f'policy.{each}' for each in sorted(valid))}."

@@ -1,5 +1,6 @@
 """The runs as ``roboverse list runs`` shows them: from their JSON files, the newest first."""
 
+import contextlib
 import json
 import time
 from collections.abc import Mapping
@@ -18,13 +19,16 @@ _RIGHT = (2,)
 
 _MOST_ERROR_CHARACTERS = 60
 
+_SPLITS = ("test", "validation", "train")
+"""Splits, that of the headline first."""
+
 
 def runs_in_detail(runs_dir: Path) -> str:
     """Returns a table of the runs below a folder.
 
-    Success is that of the test split, or of the only other one: a number for each level, the mean over the
-    tasks of a run that learned several. A run that says that it runs may have been killed: only the time
-    since it wrote last tells.
+    Success is that of the test split, else of validation or of train, which is then named: a number for
+    each level, the mean over the tasks of a run that learned several. ``running`` is what a run wrote last:
+    one that was killed says so, too.
 
     Args:
         runs_dir: The folder of runs; a run lies at any depth of it.
@@ -34,12 +38,12 @@ def runs_in_detail(runs_dir: Path) -> str:
     """
     if not runs_dir.is_dir():
         raise ConfigError(f"There is no folder '{runs_dir}'. Name that of the runs: runs_dir=<folder>.")
-    found = [(_last_written(path.parent), path.parent) for path in runs_dir.rglob(MANIFEST_FILE)
-             if (path.parent / CONFIG_FILE).is_file()]  # fmt: skip
-    if not found:
+    folders = [path.parent for path in runs_dir.rglob(MANIFEST_FILE) if (path.parent / CONFIG_FILE).is_file()]
+    if not folders:
         return f"  none in '{runs_dir}'"
+    newest_first = sorted(((_last_written(folder), folder) for folder in folders), reverse=True)
     rows = [(str(folder.relative_to(runs_dir)), *_facts(folder), _ago(written))
-            for written, folder in sorted(found, reverse=True)]  # fmt: skip
+            for written, folder in newest_first]  # fmt: skip
     return "\n".join(columns([HEADINGS, *rows], _RIGHT))
 
 
@@ -47,33 +51,42 @@ def _facts(folder: Path) -> tuple[str, str, str]:
     """Returns the state of a run, its steps and its success."""
     try:
         manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
-        stages, status = manifest["stages"], str(manifest["status"])
-        wanted = manifest["config"]["train"]["steps"]
-        done = stages.get("train", {}).get("steps") or _steps_so_far(folder)
-        return _state(status, stages), f"{done:,} of {wanted:,}", _success(stages.get("evaluate", {}))
+        stages, state = manifest["stages"], _state(str(manifest["status"]), manifest["stages"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return "its manifest is damaged", "-", "-"
+    facts = []
+    for read in (lambda: _steps(folder, manifest), lambda: _success(stages.get("evaluate", {}))):
+        try:
+            facts.append(read())
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            facts.append("-")
+    return state, facts[0], facts[1]
 
 
 def _state(status: str, stages: Mapping[str, Any]) -> str:
-    stage = list(stages)[-1] if stages else "start"
+    """Returns what a run does, or where it stopped; stages of an earlier start keep their place."""
     if status == "done":
-        return "done"
-    if error := str(stages.get(stage, {}).get("error", "")):
-        kind, _, said = error.partition(": ")
-        said = said or kind
-        short = said if len(said) <= _MOST_ERROR_CHARACTERS else said[: _MOST_ERROR_CHARACTERS - 1] + "…"
-        return f"stopped in {stage}: {short}"
-    return f"{status} in {stage}"
+        return status
+    open_ones = [name for name, facts in stages.items() if facts.get("status") != "done"]
+    stage = (open_ones or list(stages) or ["start"])[-1]
+    error = " ".join(str(stages.get(stage, {}).get("error", "")).split())
+    if not error:
+        return f"{status} in {stage}"
+    said = error.partition(": ")[2] or error
+    short = said if len(said) <= _MOST_ERROR_CHARACTERS else said[: _MOST_ERROR_CHARACTERS - 1] + "…"
+    return f"stopped in {stage}: {short}"
 
 
-def _steps_so_far(folder: Path) -> int:
+def _steps(folder: Path, manifest: Mapping[str, Any]) -> str:
+    trained, wanted = manifest["stages"].get("train", {}), manifest["config"]["train"]["steps"]
     rows = read_metrics(folder)
-    return int(rows[-1]["step"]) if rows else 0
+    so_far = int(rows[-1]["step"]) if rows else 0
+    done = int(trained["steps"]) if trained.get("status") == "done" else so_far
+    return f"{done:,} of {wanted:,}"
 
 
 def _success(evaluated: Mapping[str, Any]) -> str:
-    """Returns ``89, 2, 2, 2 %`` of levels 0 to 3; a dash where no results file is at hand."""
+    """Returns ``89, 2, 2, 2 % at levels 0, 1, 2, 3``; a dash where no results file is at hand."""
     by_cell: dict[tuple[str, int], list[float]] = {}
     for path in evaluated.get("results", ()):
         try:
@@ -81,19 +94,25 @@ def _success(evaluated: Mapping[str, Any]) -> str:
         except (OSError, ValueError, KeyError, TypeError):
             continue  # moved, or damaged, which the commands that read it report
         for cell in cells:
-            if cell.get("only") is None:
+            if cell.get("only") is None and cell.get("instruction_test") is None:
                 by_cell.setdefault((cell["split"], cell["level"]), []).append(cell["success_rate"])
-    splits = {split for split, _ in by_cell}
-    split = "test" if "test" in splits else min(splits, default="")
-    means = [100 * sum(rates) / len(rates) for key, rates in sorted(by_cell.items()) if key[0] == split]
-    levels = [str(level) for each, level in sorted(by_cell) if each == split]
-    return f"{', '.join(f'{mean:.0f}' for mean in means)} % at {'level' if len(levels) == 1 else 'levels'} " \
-           f"{', '.join(levels)}" if means else "-"  # fmt: skip
+    split = next((each for each in _SPLITS if any(each == found for found, _ in by_cell)), "")
+    means = {level: 100 * sum(rates) / len(rates)
+             for (found, level), rates in sorted(by_cell.items()) if found == split}  # fmt: skip
+    if not means:
+        return "-"
+    levels = f"level{'s' if len(means) > 1 else ''} {', '.join(map(str, means))}"
+    named = "" if split == _SPLITS[0] else f", {split} split"
+    return f"{', '.join(f'{mean:.0f}' for mean in means.values())} % at {levels}{named}"
 
 
 def _last_written(folder: Path) -> float:
-    """Returns when a run last wrote one of the files that grow, seconds since the epoch."""
-    return max(path.stat().st_mtime for path in folder.iterdir() if path.is_file())
+    """Returns when a run last wrote a file of its folder, its log among them, seconds since the epoch."""
+    times = [0.0]
+    for path in folder.iterdir():
+        with contextlib.suppress(OSError):  # one that was written beside its place, and moved since
+            times.append(path.stat().st_mtime if path.is_file() else 0.0)
+    return max(times)
 
 
 def _ago(written: float) -> str:

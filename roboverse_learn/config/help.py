@@ -183,26 +183,28 @@ def list_command(words: Sequence[str]) -> str:
         UnknownNameError: if another kind or key is given.
         ConfigError: if no task has the words, or a folder's name is empty.
     """
-    folders, kinds, chosen = {"datasets_dir": "datasets", "runs_dir": "runs"}, [], []
+    kinds, chosen, folders = [], [], {}
     for word in words:
         key, is_setting, value = word.partition("=")
-        if is_setting and key not in folders:
-            raise unknown_name("key of list", key, folders)
         if is_setting:
             check_path(key, key, value)
             folders[key] = value
-        elif word in KINDS or word == _RUNS:
+        elif word in KINDS or (word == RUNS and not kinds):
             kinds.append(word)
         elif kinds == ["tasks"]:
             chosen.append(word)
         else:
-            raise unknown_name("kind of thing to list", word, (*KINDS, _RUNS))
-    if kinds == [_RUNS]:
-        runs = importlib.import_module("roboverse_learn.commands.run_list")
-        return runs.runs_in_detail(Path(folders["runs_dir"]))
-    if _RUNS in kinds:
-        raise ConfigError("Runs are listed alone: roboverse list runs.")
-    return listing(folders["datasets_dir"], kinds, chosen)
+            raise unknown_name("kind of thing to list", word, (*KINDS, RUNS))
+    takes = "runs_dir" if RUNS in kinds else "datasets_dir"
+    for key in folders:
+        if key != takes:
+            raise unknown_name(f"key of list{f' {RUNS}' if RUNS in kinds else ''}", key, (takes,))
+    if RUNS not in kinds:
+        return listing(folders.get(takes, "datasets"), kinds, chosen)
+    if kinds != [RUNS]:
+        raise ConfigError(f"Runs are listed alone: roboverse list {RUNS}.")
+    runs = importlib.import_module("roboverse_learn.commands.run_list")
+    return runs.runs_in_detail(Path(folders.get(takes, "runs")))
 
 
 PRESETS = {
@@ -240,7 +242,7 @@ KINDS: Mapping[str, str | Callable[[], list[tuple[str, str]]]] = {
 }
 """Sections of ``roboverse list``, in order: a registry, or what returns the rows."""
 
-_RUNS = "runs"
+RUNS = "runs"
 """What ``roboverse list`` shows where it is named alone, since it is of a folder, not of the installation."""
 
 _MANY = {"tasks": (TASKS.names, PAPER[:3]), "suites": (SUITES.names, ("paper", "libero", "metaworld"))}

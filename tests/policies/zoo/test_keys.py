@@ -3,6 +3,7 @@
 import copy
 import json
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -326,13 +327,16 @@ def vqbet():
 
 @pytest.mark.slow
 def test_frames_that_begin_no_sample_are_those_that_are_given():
-    def dropped(frames: int | None) -> int:
-        config = LeRobotConfig(type="vqbet", settings=VQBET, drop_n_last_frames=frames)
+    def dropped(**given: Any) -> int:
+        config = LeRobotConfig(type="vqbet", settings=VQBET | given)
         return policies.create("lerobot", FEATURES, stats(), config).drop_last_frames
 
-    assert (dropped(None), dropped(0), dropped(3)) == (0, 0, 3)
-    with pytest.raises(PolicyError, match="drop_n_last_frames must be 0 or more, given -1"):
-        dropped(-1)
+    assert dropped() == 0 and dropped(drop_n_last_frames=0) == 0 and dropped(drop_n_last_frames=3) == 3
+    config = compose("train", ["policy=lerobot", "type=groot", "policy.drop_n_last_frames=0"])
+    assert config.policy.settings == {"drop_n_last_frames": 0}
+    for wrong in (-1, 0.5, "all"):
+        with pytest.raises(PolicyError, match=f"drop_n_last_frames must be a whole number .*, given {wrong}"):
+            LeRobotConfig(type="groot", settings={"drop_n_last_frames": wrong})
 
 
 @pytest.mark.slow

@@ -103,8 +103,9 @@ def test_fine_tuned_actions_have_the_width_of_the_dataset(trained):
 @pytest.mark.parametrize("trained", of_types("groot"), indirect=True)
 def test_every_frame_begins_a_sample_where_that_is_asked_for(trained):
     path = str(trained.checkpoint)
-    for given, dropped in ((None, len(trained.policy.delta_indices["action"]) - 1), (0, 0)):
-        config = LeRobotConfig(path=path, drop_n_last_frames=given)
+    by_itself = len(trained.policy.delta_indices["action"]) - 1
+    for given, dropped in (({}, by_itself), ({"drop_n_last_frames": 0}, 0)):
+        config = LeRobotConfig(path=path, settings=given)
         assert policies.create("lerobot", FEATURES, vla.with_quantiles(), config).drop_last_frames == dropped
 
 
