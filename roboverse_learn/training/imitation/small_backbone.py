@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 _COMMAND = "python -m roboverse_learn.training.imitation.small_backbone"
 
 _VOCABULARY = 1024
-_PATCH_PX = 16
+_PATCH_PX = 8  # a grocery of the grasping sets is about as large at 128 pixels
 _LR = 5e-4  # from scratch; LeRobot's are those of fine-tuning
 _SMOLVLM_IMAGE_TOKENS = {
     "image_token": "<image>",
