@@ -33,7 +33,8 @@ _SMOLVLM_IMAGE_TOKENS = {
     "end_of_utterance_token": "<end_of_utterance>",
 }
 _SMOLVLM_TOKENS = ["<pad>", "<s>", "</s>", *_SMOLVLM_IMAGE_TOKENS.values()]
-_CLIP_TOKENS = ["<|pad|>", "<|startoftext|>", "<|endoftext|>"]
+# The end's id must not be 2: CLIP then reads a sentence's vector where its largest id is, not at its end.
+_CLIP_TOKENS = ["<|startoftext|>", "<|endoftext|>", "<|pad|>"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -170,12 +171,12 @@ def _multi_task_dit(folder: Path, texts: list[str], image_px: int) -> dict[str, 
     from transformers import CLIPConfig, CLIPModel
 
     tokenizer = _clip_tokenizer(texts)
-    start, end = (tokenizer.convert_tokens_to_ids(token) for token in _CLIP_TOKENS[1:])
+    start, end, pad = (tokenizer.convert_tokens_to_ids(token) for token in _CLIP_TOKENS)
     shared = dict(hidden_size=192, intermediate_size=768, num_hidden_layers=4, num_attention_heads=3)
     config = CLIPConfig(
         text_config=dict(
             **shared, vocab_size=len(tokenizer), max_position_embeddings=77, bos_token_id=start,
-            eos_token_id=end, pad_token_id=0,
+            eos_token_id=end, pad_token_id=pad,
         ),
         vision_config=dict(**shared, image_size=image_px, patch_size=_PATCH_PX),
         projection_dim=192,
@@ -196,7 +197,7 @@ def _clip_tokenizer(texts: list[str]) -> Any:
     from transformers import PreTrainedTokenizerFast
 
     tokenizer = _tokenizer(texts, _VOCABULARY, _CLIP_TOKENS)
-    pad, start, end = _CLIP_TOKENS
+    start, end, pad = _CLIP_TOKENS
     tokenizer.post_processor = TemplateProcessing(
         single=f"{start} $A {end}",
         special_tokens=[(token, tokenizer.token_to_id(token)) for token in (start, end)],

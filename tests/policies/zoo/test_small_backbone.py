@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 
 import policies
 from envs.core.errors import ConfigError, UnknownNameError
@@ -15,7 +16,7 @@ from tests.policies.zoo import test_vla as vla
 from tests.policies.zoo.needs import of_types
 
 TASKS = ("PickCube", "StackCube")
-WORDS = ("lift the red cube", "stack the cubes")
+WORDS = ("lift the red cube", "lift the red ball")  # the last word alone says what to do
 
 
 @pytest.mark.parametrize(
@@ -58,3 +59,20 @@ class TestBackbone:
         loaded = policies.load(tmp_path / "saved")
         one, two = (loaded.act(vla.observation(loaded, 1, (text,)), generators(1)) for text in WORDS)
         assert np.isfinite(one).all() and not np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("name", of_types("multi_task_dit"))
+class TestClipBackbone:
+    pytestmark = vla.LIBRARY_TEST
+
+    def test_sentences_that_differ_in_one_word_have_vectors_of_their_own(self, name, tmp_path):
+        from transformers import AutoTokenizer, CLIPTextModel
+
+        keys_of(BackboneSettings(type=name, out=tmp_path / "clip", tasks=TASKS, image_px=32))
+        texts = [f"{verb} the {noun}" for verb in ("lift", "stack") for noun in ("cube", "red cube", "ball")]
+        tokens = AutoTokenizer.from_pretrained(tmp_path / "clip")(
+            texts, padding="max_length", max_length=77, return_tensors="pt"
+        )
+        vectors = CLIPTextModel.from_pretrained(tmp_path / "clip")(**tokens).pooler_output
+        apart = torch.cdist(vectors, vectors) + torch.eye(len(texts))
+        assert apart.min() > 0.1
