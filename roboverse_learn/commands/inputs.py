@@ -5,10 +5,11 @@ episode, in percent of how far they move when all inputs are; see :mod:`benchmar
 """
 
 import logging
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from envs.core.arguments import run_program
 from envs.core.errors import ConfigError
@@ -78,7 +79,7 @@ def measured(settings: InputSettings) -> "list[Call]":
     tested = checkpoints_to_test(config)[0]
     policy, view = load_policy(tested), view_of(tested.checkpoint)
     spec = tested.env.replace(level=settings.level, only=None)
-    env = spec.make(settings.episodes, split=settings.split, protocol_seed=0, **view)
+    env: Any = spec.make(settings.episodes, split=settings.split, protocol_seed=0, **view)
     try:
         return input_shares(
             policy, env, calls=settings.calls, instructions=wrong_instructions(tested.env.make_task())
@@ -91,13 +92,17 @@ def table(calls: "Sequence[Call]") -> str:
     """Returns rows of inputs and columns of calls, with the share of each in percent."""
     names = list(calls[0].moved) if calls else []
     heading = ["input of another episode", *(f"step {call.step}" for call in calls), ""]
-    rows = [[name, *(f"{100 * call.share(name):.0f} %" for call in calls), ""] for name in names]
+    rows = [[name, *(_percent(call.share(name)) for call in calls), ""] for name in names]
     scale = [
         "all but the instruction",
         *(f"{call.moved_by_all:.2g}" for call in calls),
         "in the action's unit",
     ]
     return "\n".join(columns([heading, *rows, scale], range(1, len(heading) - 1)))
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{100 * share:.0f} %"
 
 
 if __name__ == "__main__":

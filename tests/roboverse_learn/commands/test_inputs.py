@@ -3,8 +3,9 @@
 import pytest
 
 import policies
+from benchmark.inputs import Call
 from roboverse_learn.commands.dataset_layout import dataset_layout
-from roboverse_learn.commands.inputs import main
+from roboverse_learn.commands.inputs import main, table
 from roboverse_learn.commands.run_folder import RunFolder
 from roboverse_learn.config.compose import compose
 from roboverse_learn.training.imitation.estimate import plain_stats
@@ -54,3 +55,10 @@ def test_a_wrong_setting_is_one_sentence(words, said, capsys):
 def test_too_few_episodes_are_named(run, capsys):
     assert main([f"checkpoint={run}", "episodes=3", "device=cpu"]) == 2
     assert "episodes=3 are too few" in capsys.readouterr().err
+
+
+def test_what_nothing_moves_has_no_share():
+    assert table([Call(step=0, moved={"state": 0.0}, moved_by_all=0.0)]).splitlines()[1].split() == [
+        "state",
+        "-",
+    ]
