@@ -71,15 +71,18 @@ class Preprocess(nn.Module):
 
     Args:
         policy: Whose method it is; no part of the module, which must not own the network twice.
+        change: What is done to raw frames before, in training alone; None leaves them as they are.
     """
 
-    def __init__(self, policy: Any) -> None:
+    def __init__(
+        self, policy: Any, change: Callable[[dict[str, Any]], dict[str, Any]] | None = None
+    ) -> None:
         super().__init__()
-        self._preprocess = policy.preprocess
+        self._preprocess, self._change = policy.preprocess, change
 
     def forward(self, batch: dict[str, Any]) -> dict[str, Any]:
         """Returns a batch as the loss takes it."""
-        return self._preprocess(batch)
+        return self._preprocess(batch if self._change is None else self._change(batch))
 
 
 def normalizer_step(preprocessor: Any) -> NormalizerProcessorStep:

@@ -26,7 +26,7 @@ from policies.zoo.assets import carried, read_assets, tokenizer_from
 from policies.zoo.config import LeRobotConfig, check_preset
 from policies.zoo.preflight import check_type_packages
 from policies.zoo.source import local_folder
-from policies.zoo.types import DROP_LAST_FRAMES, EXTRA, type_names
+from policies.zoo.types import EXTRA, OF_TRAINING, type_names
 from policies.zoo.weights import load_tensors, read_tensors
 
 _NORMALIZERS = ("normalizer_processor", "molmoact2_masked_normalizer")
@@ -68,8 +68,8 @@ def read_base(config: LeRobotConfig, device: str) -> Read:
     content = checkpoint.read_json(folder / checkpoint.CONFIG)
     if config.type and content.get("type") != config.type:
         raise PolicyError(
-            f"'{config.path}' is of type {content.get('type')}, and type={config.type} was given. Leave "
-            "out type."
+            f"'{config.path}' is of type {content.get('type')}, and type={config.type} was given. "
+            "Leave out type."
         )
     read = read_folder(folder, device, config.settings)
     if read.adapters:
@@ -123,8 +123,8 @@ def _decode(type_name: str, content: dict[str, Any], device: str, where: str) ->
             f"{', '.join(type_names())}."
         ) from error
     content = content | {"device": device, "push_to_hub": False}
-    if DROP_LAST_FRAMES not in {field.name for field in fields(found)}:
-        content.pop(DROP_LAST_FRAMES, None)  # of training alone
+    for key in {*OF_TRAINING} - {field.name for field in fields(found)}:
+        content.pop(key, None)
     if "pretrained_backbone_weights" in content:  # torchvision's would be downloaded
         content["pretrained_backbone_weights"] = None
     with _readable(f"LeRobot refuses the settings of '{where}'"):
@@ -198,8 +198,7 @@ def make_processors(
         if stats is None:
             raise PolicyError(
                 f"Checkpoint '{folder}' has no {checkpoint.PREPROCESSOR}: it is of an older LeRobot. "
-                "Convert it "
-                "with lerobot's migrate_policy_normalization, or fine-tune it with policy.path."
+                "Convert it with lerobot's migrate_policy_normalization, or fine-tune it with policy.path."
             )
         with _readable(what), tokenizer_from(config, tokenizer):
             processors = _new_processors(config, stats)

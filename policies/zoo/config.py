@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from envs.core.errors import PolicyError
-from policies.zoo.types import DROP_LAST_FRAMES, check_settings, check_type
+from policies.zoo.types import DROP_LAST_FRAMES, STATE_NOISE, check_settings, check_type
 
 IMAGE_PREFIX = "observation.images."
 
@@ -52,17 +52,17 @@ class LeRobotConfig:
         tasks: Further tasks that are learned together with the run's task, whose states and actions are as
             wide; task=[PickCube,StackCube] is the same.
         type: LeRobot's name of the policy, as smolvla, pi0, pi05, xvla or multi_task_dit; with ``path`` it
-            may be
-            left empty.
+            may be left empty.
         path: Folder or hub name of a checkpoint to fine-tune; empty trains from the start.
         tokenizer: Folder of the tokenizer, in place of the one that LeRobot names.
         use_policy_training_preset: Train with the learning rate, moments, weight decay and clipping of
-            LeRobot's
-            configuration (policy.optimizer_*); false takes train.lr and its like.
+            LeRobot's configuration (policy.optimizer_*); false takes train.lr and its like.
         settings: LeRobot's own settings, typed as policy.<key>. Any type takes ``policy.drop_n_last_frames``:
             frames at the end of an episode that are no training samples of their own. Multi-Task DiT leaves
             out ``horizon - n_action_steps - n_obs_steps + 1``, GR00T one less than its actions, most none.
-            With 0 a policy learns how an episode ends: actions after it repeat the last.
+            With 0 a policy learns how an episode ends: actions after it repeat the last. Any type takes
+            ``policy.state_noise``, too: standard deviation of the noise that training adds to the state, in
+            standard deviations of the demonstrations; 0, the default, adds none.
         rename_map: Camera of the dataset to camera of the policy, as {front: camera1}.
         peft: Training of adapters.
     """
@@ -86,11 +86,13 @@ class LeRobotConfig:
         dropped = self.settings.get(DROP_LAST_FRAMES)
         if dropped is not None and (not isinstance(dropped, int) or dropped < 0):
             raise PolicyError(f"policy.{DROP_LAST_FRAMES} must be a whole number from 0 on, given {dropped}.")
+        noise = self.settings.get(STATE_NOISE, 0)
+        if not isinstance(noise, int | float) or not 0.0 <= noise < float("inf"):
+            raise PolicyError(f"policy.{STATE_NOISE} must be 0 (off) or more, given {noise}.")
         if self.peft.method_type and not self.path:
             raise PolicyError(
                 "peft.* adapts a trained policy: give policy.path=<folder or hub name>, or leave out "
-                "peft.* to "
-                "train a policy from the start."
+                "peft.* to train a policy from the start."
             )
 
     def check_training(self, train: Any) -> None:

@@ -90,9 +90,8 @@ def statistics(config: Any, stats: Mapping[str, Mapping[str, Any]]) -> dict[str,
             continue
         if not set(pair) <= stats[key].keys():
             raise PolicyError(
-                f"{config.type} normalizes '{key}' by the quantiles {' and '.join(pair)}, which the "
-                "dataset does not "
-                "have: collect it again, or set policy.normalization_mapping="
+                f"{config.type} normalizes '{key}' by the quantiles {' and '.join(pair)}, which the dataset "
+                "does not have: collect it again, or set policy.normalization_mapping="
                 "{VISUAL:IDENTITY,STATE:MEAN_STD,ACTION:MEAN_STD}."
             )
         low, high = (torch.as_tensor(stats[key][name], dtype=torch.float32).clone() for name in pair)

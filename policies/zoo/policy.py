@@ -30,7 +30,8 @@ from policies.zoo.features import keep_cameras, matched_inputs, statistics
 from policies.zoo.fine_tuned import TASK, FineTunedPolicy
 from policies.zoo.preflight import NEEDS_NOTHING, check_lerobot
 from policies.zoo.source import base_name
-from policies.zoo.types import DROP_LAST_FRAMES
+from policies.zoo.state_noise import NoisyState
+from policies.zoo.types import DROP_LAST_FRAMES, STATE_NOISE
 
 logger = logging.getLogger(__name__)
 
@@ -55,6 +56,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
         self.sees_any_size = self.model.config.type not in NEEDS_NOTHING
         self._preset = False
         self._dropped: int | None = None
+        self._noise: NoisyState | None = None
 
     @classmethod
     @override
@@ -89,6 +91,8 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
         policy = cls(model.to(device).eval(), processors, assets, rename)
         policy._preset = config.use_policy_training_preset
         policy._dropped = config.settings.get(DROP_LAST_FRAMES)
+        if noise := config.settings.get(STATE_NOISE, 0.0):
+            policy._noise = NoisyState.of(stats[OBS_STATE]["std"], noise)
         return policy
 
     @override
@@ -252,7 +256,7 @@ class LeRobotZooPolicy(FineTunedPolicy, LeRobotPolicy):
 
     @override
     def objective(self) -> Objective:
-        return BlockwiseObjective(self.model, Preprocess(self), self.loss)
+        return BlockwiseObjective(self.model, Preprocess(self, self._noise), self.loss)
 
     # --- checkpoints ----------------------------------------------------------------------------
 

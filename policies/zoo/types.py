@@ -1,8 +1,7 @@
 """The policy types of the installed LeRobot and their settings, read from its source without importing it.
 
 Importing LeRobot's policies takes half a minute where ``transformers`` is installed. Names, keys and
-defaults are
-needed for every command line, so they are parsed.
+defaults are needed for every command line, so they are parsed.
 """
 
 import ast
@@ -19,6 +18,12 @@ EXTRA = "vla"
 
 DROP_LAST_FRAMES = "drop_n_last_frames"
 """A setting of some of LeRobot's types that every type takes here: it decides what is sampled."""
+
+STATE_NOISE = "state_noise"
+"""A setting that LeRobot's types lack and every type takes here: it changes what is sampled."""
+
+OF_TRAINING = (DROP_LAST_FRAMES, STATE_NOISE)
+"""Settings that training alone reads, so that a type's configuration need not have them."""
 
 _NOT_FOR_DEMONSTRATIONS = ("gaussian_actor", "tdmpc")
 """Registered types that need rewards."""
@@ -85,10 +90,10 @@ def check_settings(name: str, given: dict[str, Any]) -> None:
             raise PolicyError(
                 f"policy.{key} is not given by hand: the dataset, policy.path, peft.* or device decide it."
             )
-        if valid and key not in (*valid, DROP_LAST_FRAMES):
+        if valid and key not in (*valid, *OF_TRAINING):
             raise PolicyError(
                 f"LeRobot's {name} has no setting '{key}'.{suggest(key, valid)} Valid: "
-                f"{', '.join(f'policy.{each}' for each in sorted(valid))}."
+                f"{', '.join(f'policy.{each}' for each in sorted({*valid, *OF_TRAINING}))}."
             )
 
 

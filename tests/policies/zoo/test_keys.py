@@ -340,6 +340,33 @@ def test_frames_that_begin_no_sample_are_those_that_are_given():
 
 
 @pytest.mark.slow
+def test_noise_on_the_state_is_in_deviations_of_the_demonstrations_and_in_no_action(vqbet):
+    given = stats()
+    given["observation.state"]["std"] = np.linspace(0.0, 2.0, 9, dtype=np.float32)
+    settings = VQBET | {"state_noise": 0.5}
+    noisy = policies.create("lerobot", FEATURES, given, LeRobotConfig(type="vqbet", settings=settings))
+    seen: dict[str, torch.Tensor] = {}
+    noisy.preprocess = lambda batch: seen.update(batch) or batch
+    state = torch.zeros(2000, 9)
+    noisy.objective().normalizer({"observation.state": state})
+    spread = seen["observation.state"].std(0)
+    torch.testing.assert_close(spread, 0.5 * torch.linspace(0.0, 2.0, 9), rtol=0.1, atol=0.0)
+    assert not state.any()
+    plain = policies.create("lerobot", FEATURES, given, LeRobotConfig(type="vqbet", settings=VQBET))
+    noisy = policies.create("lerobot", FEATURES, given, LeRobotConfig(type="vqbet", settings=settings))
+    noisy.model.load_state_dict(plain.model.state_dict())
+    both = [policy.act(observation(policy, 2), generators(2)) for policy in (noisy, plain)]
+    np.testing.assert_array_equal(*both)
+
+
+def test_noise_on_the_state_is_a_setting_of_every_type_and_none_of_lerobots_configuration():
+    assert train("type=smolvla", "policy.state_noise=0.1").settings == {"state_noise": 0.1}
+    for wrong in (-0.1, float("inf"), float("nan"), "much"):
+        with pytest.raises(PolicyError, match=rf"state_noise must be 0 \(off\) or more, given {wrong}"):
+            LeRobotConfig(type="smolvla", settings={"state_noise": wrong})
+
+
+@pytest.mark.slow
 def test_a_type_without_language_is_made_saved_and_loaded(vqbet, tmp_path):
     seen = observation(vqbet, 2)
     actions = vqbet.act(seen, generators(2))

@@ -81,18 +81,37 @@ def test_only_matrices_of_hidden_linear_layers_are_trained_by_muon():
     assert set(by_name.values()) == {1e-3}
 
 
-@pytest.mark.parametrize("key", ["lr_backbone", "lr_muon"])
-def test_a_rate_that_a_policy_with_groups_of_its_own_does_not_take_is_refused(key):
-    class Grouped(Policy):
-        name = "lerobot"
+class Grouped(Policy):
+    name = "lerobot"
 
-        def parameter_groups(self):
-            return [([self.model.queries], 0.1)]
+    def parameter_groups(self):
+        backbone = [self.model.backbone.weight, self.model.backbone.bias]
+        return [(backbone, 0.1), ([self.model.queries, self.model.action_head.weight], 1.0)]
 
-    with pytest.raises(ConfigError, match=rf"policy=lerobot .* takes no train\.{key}, given 0\.002\. Leave"):
-        make_optimizer(Grouped(), TrainConfig(**{key: 2e-3}))
-    (group,) = make_optimizer(Grouped(), TrainConfig(lr=1e-3)).param_groups
-    assert group["peak_lr"] == 1e-4
+
+def test_a_rate_of_the_backbone_is_refused_by_a_policy_with_groups_of_its_own():
+    with pytest.raises(ConfigError, match=r"policy=lerobot .* takes no train\.lr_backbone, given 0\.002\. Le"):
+        make_optimizer(Grouped(), TrainConfig(lr_backbone=2e-3))
+    backbone, rest = make_optimizer(Grouped(), TrainConfig(lr=1e-3)).param_groups
+    assert (backbone["peak_lr"], rest["peak_lr"]) == (1e-4, 1e-3)
+    assert not backbone["muon"] and not rest["muon"]
+
+
+def test_each_group_of_a_policys_own_has_its_share_of_muons_rate():
+    policy = Grouped()
+    groups = make_optimizer(policy, TrainConfig(lr=1e-3, lr_muon=5e-3)).param_groups
+    model = policy.model
+    assert [(group["peak_lr"], group["muon"]) for group in groups] == [(1e-4, False), (5e-4, True), (1e-3, False)]
+    expected = [[model.backbone.bias], [model.backbone.weight], [model.queries, model.action_head.weight]]
+    for group, members in zip(groups, expected, strict=True):
+        assert [id(each) for each in group["params"]] == [id(each) for each in members]
+
+
+def test_a_matrix_that_is_also_an_embedding_is_left_to_adamw():
+    policy = Grouped()
+    policy.model.embedding = nn.Embedding(3, 3)
+    policy.model.embedding.weight = policy.model.backbone.weight
+    assert not any(group["muon"] for group in make_optimizer(policy, TrainConfig(lr_muon=5e-3)).param_groups)
 
 
 def test_without_its_learning_rate_every_parameter_is_trained_by_adamw():
