@@ -14,6 +14,7 @@ import numpy as np
 
 from benchmark.runner import actor_of
 from envs.core.errors import ConfigError
+from envs.core.observation_keys import IMAGE_PREFIX
 from envs.rollout import rollout
 
 if TYPE_CHECKING:
@@ -27,9 +28,6 @@ type _Noise = "Sequence[torch.Tensor] | None"
 
 INSTRUCTION = "task"
 """Key of the instructions in an observation."""
-
-IMAGES = "observation.images."
-"""What the keys of images begin with."""
 
 ALL_IMAGES = "all images"
 
@@ -89,7 +87,7 @@ class _Watched:
         noise = None if generators is None else [generator.get_state() for generator in generators]
         own = np.asarray(self._policy.act(observation, generators))
         seen = [key for key in observation if key != INSTRUCTION]
-        images = [key for key in seen if key.startswith(IMAGES)]
+        images = [key for key in seen if key.startswith(IMAGE_PREFIX)]
         exchanged = {key.removeprefix("observation."): [key] for key in seen}
         if len(images) > 1:
             exchanged[ALL_IMAGES] = images

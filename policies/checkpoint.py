@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import PolicyError
 from envs.core.fingerprint import file_hash
+from envs.core.observation_keys import IMAGE_PREFIX
 
 if TYPE_CHECKING:
     import torch
@@ -30,7 +31,6 @@ OF_THEIR_OWN = ("act", "diffusion")
 REGISTERED_AS = {"keypoint_act": "act", "keypoint_diffusion": "diffusion", "multitask_act": "mtact"}
 """LeRobot's policy types that are a network of a policy with another name."""
 
-_IMAGES = "observation.images."
 _ADVICE = (
     "A checkpoint is the folder of a run, or one with config.json, model.safetensors, "
     "policy_preprocessor.json and policy_postprocessor.json, such as "
@@ -204,7 +204,7 @@ def seen_cameras(directory: Path, rename_map: Mapping[str, str] | None = None) -
             shapes = {key: [size] for key, size in values["observation"].items()}
         sources, seen = _sources(directory, rename_map or {}), {}
         for key, shape in shapes.items():
-            name = key.removeprefix(_IMAGES)
+            name = key.removeprefix(IMAGE_PREFIX)
             if name != key and not name.startswith("empty_camera"):
                 seen[sources.get(name, name)] = min(map(int, shape[-2:]))
         return seen
@@ -220,7 +220,7 @@ def _sources(directory: Path, rename_map: Mapping[str, str]) -> dict[str, str]:
         if step.get("registry_name") == "rename_observations_processor":
             saved = dict(step.get("config", {}).get("rename_map") or {})
     return {
-        str(target).removeprefix(_IMAGES): str(source).removeprefix(_IMAGES)
+        str(target).removeprefix(IMAGE_PREFIX): str(source).removeprefix(IMAGE_PREFIX)
         for source, target in {**saved, **rename_map}.items()
     }
 

@@ -74,9 +74,7 @@ class Preprocess(nn.Module):
         change: What is done to raw frames before, in training alone; None leaves them as they are.
     """
 
-    def __init__(
-        self, policy: Any, change: Callable[[dict[str, Any]], dict[str, Any]] | None = None
-    ) -> None:
+    def __init__(self, policy: Any, change: Callable[[dict[str, Any]], dict[str, Any]] | None = None) -> None:
         super().__init__()
         self._preprocess, self._change = policy.preprocess, change
 

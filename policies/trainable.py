@@ -39,6 +39,7 @@ from torch import Tensor, nn
 
 from envs.core.atomic import atomic_directory
 from envs.core.errors import PolicyError
+from envs.core.observation_keys import IMAGE_PREFIX
 from envs.core.ranges import check_ranges
 from policies import checkpoint
 from policies.normalization import KeyNormalizer, Terms, policy_stats
@@ -189,7 +190,7 @@ class TrainablePolicy(nn.Module):
     @property
     def image_keys(self) -> list[str]:
         """Keys of the observation that are images."""
-        return [key for key in self.shapes if key.startswith("observation.images.")]
+        return [key for key in self.shapes if key.startswith(IMAGE_PREFIX)]
 
     def set_statistics(self, stats: Mapping[str, Mapping[str, Any]]) -> None:
         """Sets what is normalized with; the learner calls it once, before training.

@@ -12,11 +12,11 @@ from typing import Any
 
 from envs.core.atomic import atomic_directory, write_json
 from envs.core.errors import ConfigError, PolicyError, UnknownNameError, suggest
+from envs.core.observation_keys import IMAGE_PREFIX
 from envs.joint_readings import joint_readings
 from envs.scenario import CameraCfg, RobotCfg
 from envs.tasks.base import Task
 from roboverse_learn.config.other_commands import ExportConfig
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 
 ROBOT_FILE = "robot.json"
 

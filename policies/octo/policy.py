@@ -16,6 +16,7 @@ from lerobot.configs import FeatureType
 from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies import checkpoint
 from policies.base import Observation
 from policies.imitation import ACTION
@@ -27,7 +28,7 @@ from policies.octo.flax_names import from_flax
 from policies.octo.network import Octo
 from policies.octo.sizes import OctoSizes, sizes_of
 from policies.zoo import adapters
-from policies.zoo.config import IMAGE_PREFIX, full_rename_map
+from policies.zoo.config import full_rename_map
 from policies.zoo.fine_tuned import FineTunedPolicy
 from policies.zoo.source import base_name, local_folder
 from policies.zoo.weights import load_tensors, read_tensors

@@ -15,6 +15,7 @@ from lerobot.configs import FeatureType
 from torch import Tensor, nn
 
 from envs.core.errors import PolicyError
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies import checkpoint
 from policies.base import Observation
 from policies.imitation import ACTION
@@ -24,7 +25,7 @@ from policies.openvla.config import OpenVlaConfig
 from policies.openvla.network import OpenVla, from_timm, pixels_of, to_timm
 from policies.openvla.tokens import ActionScale, ActionTokens, norm_stats, padded, prompt_tokens
 from policies.zoo import adapters
-from policies.zoo.config import IMAGE_PREFIX, full_rename_map
+from policies.zoo.config import full_rename_map
 from policies.zoo.fine_tuned import FineTunedPolicy
 from policies.zoo.source import base_name, local_folder
 from policies.zoo.weights import load_tensors, read_tensors

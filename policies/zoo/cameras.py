@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from envs.core.errors import PolicyError, unknown_name
-from policies.zoo.config import IMAGE_PREFIX
+from envs.core.observation_keys import IMAGE_PREFIX
 
 FEWER_CAMERAS = ("smolvla", "pi0", "pi05", "pi0_fast", "xvla")
 """Types whose model leaves out, or pads and masks, a camera that is not there."""

@@ -4,9 +4,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from envs.core.errors import PolicyError
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies.zoo.types import DROP_LAST_FRAMES, STATE_NOISE, check_settings, check_type
-
-IMAGE_PREFIX = "observation.images."
 
 _OF_PRESET = ("lr", "weight_decay", "grad_clip", "betas")
 """Settings of training that LeRobot's preset decides."""

@@ -9,10 +9,10 @@ from lerobot.utils.constants import OBS_STATE
 from torch import Tensor
 
 from envs.core.errors import PolicyError
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies.lerobot_policy import Features
 from policies.normalization import policy_stats
 from policies.zoo.cameras import check_state_size, missing_cameras
-from policies.zoo.config import IMAGE_PREFIX
 
 _MIN_RANGE = 1e-4
 

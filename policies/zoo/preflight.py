@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from envs.core.errors import MissingExtraError, PolicyError
 from envs.core.extras import install_command
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies import checkpoint
 from policies.zoo.assets import read_assets
 from policies.zoo.cameras import cameras_of, check_rename_map, check_state_size, missing_cameras
-from policies.zoo.config import IMAGE_PREFIX, LeRobotConfig, full_rename_map
+from policies.zoo.config import LeRobotConfig, full_rename_map
 from policies.zoo.source import local_folder
 from policies.zoo.types import EXTRA, check_settings, check_type, type_names
 

@@ -12,10 +12,11 @@ from torch import Tensor
 
 import policies
 from envs.core.errors import ConfigError
+from envs.core.observation_keys import IMAGE_PREFIX
 from envs.spec import EnvSpec
 from policies.imitation import ACTION, ImitationPolicy
 from roboverse_learn.checks.contract import Contract, contract, require
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, STATE_KEY, make_features
+from roboverse_learn.data.dataset.schema import STATE_KEY, make_features
 
 _ROWS = 4
 _STEPS = 100

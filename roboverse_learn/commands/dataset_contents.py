@@ -4,8 +4,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from envs.core.observation_keys import IMAGE_PREFIX
 from roboverse_learn.checks.contract import counted
-from roboverse_learn.data.dataset.schema import ACTION_KEY, IMAGE_PREFIX, STATE_KEY
+from roboverse_learn.data.dataset.schema import ACTION_KEY, STATE_KEY
 
 if TYPE_CHECKING:
     from roboverse_learn.data import DatasetInfo

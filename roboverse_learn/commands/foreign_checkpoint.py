@@ -7,8 +7,8 @@ from typing import Any
 
 import policies
 from envs.core.errors import ConfigError
+from envs.core.observation_keys import IMAGE_PREFIX
 from envs.spec import EnvSpec
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 
 ANY_SIZE = ("lerobot", "openvla", "octo")
 """Policies that resize what they see."""

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import policies
 from envs.core.errors import ConfigError, RoboVerseError
+from envs.core.observation_keys import IMAGE_PREFIX
 from envs.robots import ROBOTS
 from roboverse_learn.commands.collected import of_task
 from roboverse_learn.commands.dataset_layout import task_layout
@@ -26,7 +27,7 @@ from roboverse_learn.config.schema import TrainRunConfig
 from roboverse_learn.data.collection.schedule import check_settings, read_record
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
 from roboverse_learn.data.dataset.raw import check_all_raw, dataset_hash, has_raw
-from roboverse_learn.data.dataset.schema import ACTION_KEY, IMAGE_PREFIX, STATE_KEY, Feature
+from roboverse_learn.data.dataset.schema import ACTION_KEY, STATE_KEY, Feature
 from roboverse_learn.data.sources.base import DemonstrationSource
 
 log = logging.getLogger(__name__)

@@ -81,16 +81,14 @@ def measured(settings: InputSettings) -> "list[Call]":
     spec = tested.env.replace(level=settings.level, only=None)
     env: Any = spec.make(settings.episodes, split=settings.split, protocol_seed=0, **view)
     try:
-        return input_shares(
-            policy, env, calls=settings.calls, instructions=wrong_instructions(tested.env.make_task())
-        )
+        return input_shares(policy, env, calls=settings.calls, instructions=wrong_instructions(env.task))
     finally:
         env.close()
 
 
 def table(calls: "Sequence[Call]") -> str:
     """Returns rows of inputs and columns of calls, with the share of each in percent."""
-    names = list(calls[0].moved) if calls else []
+    names = list(calls[0].moved)
     heading = ["input of another episode", *(f"step {call.step}" for call in calls), ""]
     rows = [[name, *(_percent(call.share(name)) for call in calls), ""] for name in names]
     scale = [

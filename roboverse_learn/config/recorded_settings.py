@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from envs.core.observation_keys import IMAGE_PREFIX
 from roboverse_learn.config.command_line_keys import FROM
 from roboverse_learn.config.serialize import env_keys, task_names
 from roboverse_learn.data.dataset.info import DatasetInfo, is_collected_here
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, INFO_PATH
+from roboverse_learn.data.dataset.schema import INFO_PATH
 
 _SCENE = ("task", "task_kwargs", "robot", "scenario")
 """Fields of the environment that episodes of a merged or edited dataset still name."""

@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 import torch
 
 from envs.core.errors import SimulatorError
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, make_features
+from envs.core.observation_keys import IMAGE_PREFIX
+from roboverse_learn.data.dataset.schema import make_features
 from roboverse_learn.speed.harness import DeviceProgram, Goal, Measurement, part_each, scaled
 
 CAMERA = f"{IMAGE_PREFIX}front"

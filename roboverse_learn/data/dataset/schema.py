@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from envs.core.errors import DatasetError
+from envs.core.observation_keys import IMAGE_PREFIX
 
 CODEBASE_VERSION = "v3.0"
 FILES_PER_CHUNK = 1000
 
 STATE_KEY = "observation.state"
 ACTION_KEY = "action"
-IMAGE_PREFIX = "observation.images."
 REWARD_KEY = "next.reward"
 SUCCESS_KEY = "next.success"
 INTERVENTION_KEY = "intervention"

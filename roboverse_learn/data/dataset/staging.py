@@ -18,8 +18,9 @@ import numpy as np
 
 from envs.core.atomic import partial_path, write_errors, write_file
 from envs.core.errors import DatasetError
+from envs.core.observation_keys import IMAGE_PREFIX
 from roboverse_learn.data.dataset.damage import broken_file
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX, EpisodeData
+from roboverse_learn.data.dataset.schema import EpisodeData
 from roboverse_learn.data.dataset.stats import FeatureStats, from_json, image_stats, to_json
 from roboverse_learn.data.dataset.video import EncoderConfig, encode_video
 

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from envs.core.observation_keys import IMAGE_PREFIX
 from roboverse_learn.data.dataset.on_device import constant
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.config import AugmentConfig
 
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, override
 
 import policies
 from envs.core.errors import ConfigError, UnknownNameError, unknown_name
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies.base import listed
 from policies.checkpoint import policy_type, resolve
 from roboverse_learn.commands.collected import of_task
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.imitation.estimate import estimate_training_s, plain_stats
 from roboverse_learn.training.imitation.wordings import with_bank_wordings
 from roboverse_learn.training.imitation.wrong_instructions import still_of, with_wrong_instructions

@@ -7,12 +7,12 @@ from typing import Any, override
 import torch
 from torch import Tensor
 
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies.tdmpc2.agent import Tdmpc2Agent
 from policies.tdmpc2.config import Tdmpc2Config
 from policies.tdmpc2.layers import PIXELS
 from policies.tdmpc2.policy import TaskSizes, Tdmpc2Policy
 from policies.tdmpc2.update import Sequences, Updater
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training import checkpoint
 from roboverse_learn.training.learners import AgentLearner
 from roboverse_learn.training.rl import loop

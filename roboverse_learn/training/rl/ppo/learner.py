@@ -11,10 +11,10 @@ import torch
 
 from envs.core.errors import ConfigError, MissingExtraError
 from envs.core.extras import install_command
+from envs.core.observation_keys import IMAGE_PREFIX
 from policies.ppo.config import PpoConfig
 from policies.ppo.network import LEAST_PIXELS
 from policies.ppo.policy import STATE, PpoPolicy
-from roboverse_learn.data.dataset.schema import IMAGE_PREFIX
 from roboverse_learn.training.config import TrainConfig
 from roboverse_learn.training.learners import AgentLearner
 from roboverse_learn.training.rl import loop

@@ -90,7 +90,9 @@ class Grouped(Policy):
 
 
 def test_a_rate_of_the_backbone_is_refused_by_a_policy_with_groups_of_its_own():
-    with pytest.raises(ConfigError, match=r"policy=lerobot .* takes no train\.lr_backbone, given 0\.002\. Le"):
+    with pytest.raises(
+        ConfigError, match=r"policy=lerobot .* takes no train\.lr_backbone, given 0\.002\. Le"
+    ):
         make_optimizer(Grouped(), TrainConfig(lr_backbone=2e-3))
     backbone, rest = make_optimizer(Grouped(), TrainConfig(lr=1e-3)).param_groups
     assert (backbone["peak_lr"], rest["peak_lr"]) == (1e-4, 1e-3)
@@ -101,7 +103,11 @@ def test_each_group_of_a_policys_own_has_its_share_of_muons_rate():
     policy = Grouped()
     groups = make_optimizer(policy, TrainConfig(lr=1e-3, lr_muon=5e-3)).param_groups
     model = policy.model
-    assert [(group["peak_lr"], group["muon"]) for group in groups] == [(1e-4, False), (5e-4, True), (1e-3, False)]
+    assert [(group["peak_lr"], group["muon"]) for group in groups] == [
+        (1e-4, False),
+        (5e-4, True),
+        (1e-3, False),
+    ]
     expected = [[model.backbone.bias], [model.backbone.weight], [model.queries, model.action_head.weight]]
     for group, members in zip(groups, expected, strict=True):
         assert [id(each) for each in group["params"]] == [id(each) for each in members]
