@@ -1,13 +1,9 @@
 """``policy=lerobot`` without transformers: types, keys, cameras, checkpoints, a type without extras."""
 
-import copy
 import json
 import re
-from typing import Any
 
-import numpy as np
 import pytest
-import torch
 
 import policies
 from envs.core.errors import ConfigError, MissingExtraError, PolicyError, UnknownNameError
@@ -19,7 +15,7 @@ from policies.zoo.config import LeRobotConfig, PeftConfig, full_rename_map
 from policies.zoo.types import settings_of, type_names
 from roboverse_learn.config.compose import compose
 from roboverse_learn.config.serialize import from_values, to_values
-from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, observation, stats
+from tests.policies.examples import FEATURES, stats
 from tests.policies.zoo.foreign import check, evaluate, image, smolvla_base, write
 
 LANGUAGE = {"smolvla", "pi0", "pi05", "pi0_fast", "xvla", "multi_task_dit", "groot", "wall_x", "eo1"}
@@ -307,118 +303,6 @@ class TestPreflight:
             PolicyError, match=r"needs type=<name>, as in type=smolvla.*Types: act, diffusion"
         ):
             check()
-
-
-# --- a type that needs no extra -----------------------------------------------------------------------
-
-VQBET = {
-    "n_obs_steps": 2, "n_action_pred_token": 2, "action_chunk_size": 3, "crop_shape": [SIZE, SIZE],
-    "pretrained_backbone_weights": None, "use_group_norm": True, "spatial_softmax_num_keypoints": 4,
-    "vqvae_embedding_dim": 16, "vqvae_enc_hidden_dim": 16, "gpt_block_size": 20, "gpt_input_dim": 16,
-    "gpt_output_dim": 16, "gpt_n_layer": 1, "gpt_n_head": 2, "gpt_hidden_dim": 16,
-    "n_vqvae_training_steps": 1, "vision_backbone": "resnet18",
-}  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def vqbet():
-    return policies.create("lerobot", FEATURES, stats(), LeRobotConfig(type="vqbet", settings=VQBET))
-
-
-@pytest.mark.slow
-def test_frames_that_begin_no_sample_are_those_that_are_given():
-    def dropped(**given: Any) -> int:
-        config = LeRobotConfig(type="vqbet", settings=VQBET | given)
-        return policies.create("lerobot", FEATURES, stats(), config).drop_last_frames
-
-    assert dropped() == 0 and dropped(drop_n_last_frames=0) == 0 and dropped(drop_n_last_frames=3) == 3
-    config = compose("train", ["policy=lerobot", "type=groot", "policy.drop_n_last_frames=0"])
-    assert config.policy.settings == {"drop_n_last_frames": 0}
-    for wrong in (-1, 0.5, "all"):
-        with pytest.raises(PolicyError, match=f"drop_n_last_frames must be a whole number .*, given {wrong}"):
-            LeRobotConfig(type="groot", settings={"drop_n_last_frames": wrong})
-
-
-@pytest.mark.slow
-def test_noise_on_the_state_is_in_deviations_of_the_demonstrations_and_in_no_action(vqbet):
-    given = stats()
-    given["observation.state"]["std"] = np.linspace(0.0, 2.0, 9, dtype=np.float32)
-    settings = VQBET | {"state_noise": 0.5}
-    noisy = policies.create("lerobot", FEATURES, given, LeRobotConfig(type="vqbet", settings=settings))
-    seen: dict[str, torch.Tensor] = {}
-    noisy.preprocess = lambda batch: seen.update(batch) or batch
-    state = torch.zeros(2000, 9)
-    noisy.objective().normalizer({"observation.state": state})
-    spread = seen["observation.state"].std(0)
-    torch.testing.assert_close(spread, 0.5 * torch.linspace(0.0, 2.0, 9), rtol=0.1, atol=0.0)
-    assert not state.any()
-    plain = policies.create("lerobot", FEATURES, given, LeRobotConfig(type="vqbet", settings=VQBET))
-    noisy = policies.create("lerobot", FEATURES, given, LeRobotConfig(type="vqbet", settings=settings))
-    noisy.model.load_state_dict(plain.model.state_dict())
-    both = [policy.act(observation(policy, 2), generators(2)) for policy in (noisy, plain)]
-    np.testing.assert_array_equal(*both)
-
-
-def test_noise_on_the_state_is_a_setting_of_every_type_and_none_of_lerobots_configuration():
-    assert train("type=smolvla", "policy.state_noise=0.1").settings == {"state_noise": 0.1}
-    for wrong in (-0.1, float("inf"), float("nan"), "much"):
-        with pytest.raises(PolicyError, match=rf"state_noise must be 0 \(off\) or more, given {wrong}"):
-            LeRobotConfig(type="smolvla", settings={"state_noise": wrong})
-
-
-@pytest.mark.slow
-def test_a_type_without_language_is_made_saved_and_loaded(vqbet, tmp_path):
-    seen = observation(vqbet, 2)
-    actions = vqbet.act(seen, generators(2))
-    assert actions.shape == (2, vqbet.n_action_steps, 9) and np.isfinite(actions).all()
-    vqbet.save(tmp_path / "vqbet")
-    assert checkpoint.policy_type(tmp_path / "vqbet") == "lerobot"
-    loaded = policies.load(tmp_path / "vqbet")
-    np.testing.assert_array_equal(loaded.act(seen, generators(2)), actions)
-    rows = {key: value[1:] for key, value in seen.items()}
-    np.testing.assert_array_equal(vqbet.act(rows, generators(2)[1:]), actions[1:])
-
-
-@pytest.mark.slow
-def test_the_loss_is_that_of_lerobot(vqbet):
-    from tests.policies.test_closed_forms import raw_batch_of
-
-    batch, twin = raw_batch_of(vqbet, 3), copy.deepcopy(vqbet.model)  # it counts its steps
-    torch.manual_seed(0)
-    loss, _ = vqbet.objective()(dict(batch))
-    torch.manual_seed(0)
-    expected, _ = twin.forward(vqbet.preprocess(batch))
-    assert loss.item() == expected.item()
-    assert np.isfinite(loss.item()) and loss.requires_grad
-
-
-def test_a_cameras_new_name_is_saved_and_mapped(tmp_path):
-    config = LeRobotConfig(type="vqbet", settings=VQBET, rename_map={"front": "camera1"})
-    policy = policies.create("lerobot", FEATURES, stats(), config)
-    assert list(policy.model.config.image_features) == ["observation.images.camera1"]
-    assert IMAGE in policy.shapes
-    policy.save(tmp_path / "renamed")
-    assert checkpoint.seen_cameras(tmp_path / "renamed") == {"front": SIZE}
-    loaded = policies.load(tmp_path / "renamed")
-    seen = observation(policy, 1)
-    np.testing.assert_array_equal(loaded.act(seen, generators(1)), policy.act(seen, generators(1)))
-    loaded.see(["top"], {"top": "camera1"})
-    moved = {key.replace("front", "top"): value for key, value in seen.items()}
-    np.testing.assert_array_equal(loaded.act(moved, generators(1)), policy.act(seen, generators(1)))
-    with pytest.raises(PolicyError, match=r"cameras camera1, and the task has wrist: camera1 is missing"):
-        loaded.see(["wrist"], {})
-
-
-def test_a_preset_of_lerobot_decides_the_optimizer_or_is_an_error(vqbet):
-    from roboverse_learn.training.config import TrainConfig
-
-    vqbet._preset = True
-    changed = vqbet.training_config(TrainConfig(steps=5))
-    assert (changed.lr, changed.betas, changed.steps) == (1e-4, (0.95, 0.999), 5)
-    with pytest.raises(PolicyError, match=r"train.lr would have no effect.*policy.optimizer_lr=1e-5, or add"):
-        vqbet.training_config(TrainConfig(lr=3e-4))
-    vqbet._preset = False
-    assert vqbet.training_config(TrainConfig(lr=3e-4)).lr == 3e-4
 
 
 def test_a_policy_without_a_type_says_which_there_are():
