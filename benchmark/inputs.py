@@ -135,8 +135,12 @@ def input_shares(
         seed: The protocol's seed.
 
     Raises:
-        ConfigError: There are fewer than :data:`LEAST_EPISODES` episodes.
+        ConfigError: There are fewer than :data:`LEAST_EPISODES` episodes, or the split has not as many.
     """
+    if env.num_envs > (there := len(env.split_indices)):
+        raise ConfigError(
+            f"The split has {there:,} episodes, given episodes={env.num_envs}. Give {there} or fewer."
+        )
     if env.num_envs < LEAST_EPISODES:
         raise ConfigError(
             f"episodes={env.num_envs} are too few to exchange inputs. Give {LEAST_EPISODES} or more, as in "

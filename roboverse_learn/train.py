@@ -39,14 +39,19 @@ _POLL_S = 1.0
 
 def train(config: TrainRunConfig) -> Any:
     """Runs the whole loop; returns a printable report. See :func:`train_run`."""
+    from roboverse_learn.commands.dry_run import planned
     from roboverse_learn.commands.report import train_report
 
+    if config.dry_run:
+        _check_several_processes(config)
+        given = _given(config)
+        return planned(_checked_learner(given.config if given else config))
     run = train_run(config)
     return "" if run is None else train_report(run)
 
 
 def train_run(config: TrainRunConfig) -> TrainedRun | None:
-    """Runs the whole loop; None in other processes than the first of ``accelerate launch``.
+    """Runs the whole loop, also with ``dry_run``; None in other processes than the first of ``accelerate``.
 
     A dataset that is named is trained on as it is, whoever made it. Where its policy cannot act in the task,
     as that of another robot, nothing is evaluated.
@@ -60,33 +65,16 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
         MissingExtraError: A package is not installed.
     """
     from roboverse_learn.commands.called_with import command_words
-    from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
-    from roboverse_learn.commands.new_run import new_run_words
     from roboverse_learn.commands.run_folder import RunFolder
-    from roboverse_learn.config.preflight import check_installed
-    from roboverse_learn.training.device import resolve_device
-    from roboverse_learn.training.learners import learner_of
-    from roboverse_learn.training.metrics import check_wandb
 
     _check_several_processes(config)
-    device = resolve_device(config.device)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
-    given = given_dataset(config) if learns_from_given(config) else None
+    given = _given(config)
     config = given.config if given else config
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
-        _train_along(config, device)
+        _train_along(config)
         return None
-    if new := new_run_words(config.run):
-        log.info("%s", new)
-    check_installed(config.env)
-    learner = learner_of(config, device)
-    learner.check()
-    _check_looks(config)
-    if few := learner.too_few_steps():
-        log.warning("%s", few)
-    refuse_long_run(learner)
-    if config.train.wandb:
-        check_wandb()
+    device = _checked_learner(config).device
     started = time.monotonic()
     with RunFolder.open(config, ["roboverse", "train", *command_words()]) as run:
         log.info("Run: %s", run.folder)
@@ -115,6 +103,36 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
         seconds=time.monotonic() - started,
         **shown,
     )
+
+
+def _given(config: TrainRunConfig) -> "GivenDataset | None":
+    """Returns the dataset that a run is given to learn from, if it is."""
+    from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
+
+    return given_dataset(config) if learns_from_given(config) else None
+
+
+def _checked_learner(config: TrainRunConfig) -> "Learner":
+    """Returns the learner of a run about which all is checked that can be before it begins."""
+    from roboverse_learn.commands.new_run import new_run_words
+    from roboverse_learn.config.preflight import check_installed
+    from roboverse_learn.training.device import resolve_device
+    from roboverse_learn.training.learners import learner_of
+    from roboverse_learn.training.metrics import check_wandb
+
+    if new := new_run_words(config.run):
+        log.info("%s", new)
+    device = resolve_device(config.device)
+    check_installed(config.env)
+    learner = learner_of(config, device)
+    learner.check()
+    _check_looks(config)
+    if few := learner.too_few_steps():
+        log.warning("%s", few)
+    refuse_long_run(learner)
+    if config.train.wandb:
+        check_wandb()
+    return learner
 
 
 def _check_looks(config: TrainRunConfig) -> None:
@@ -270,14 +288,15 @@ def _check_several_processes(config: TrainRunConfig) -> None:
         )
 
 
-def _train_along(config: TrainRunConfig, device: str) -> None:
+def _train_along(config: TrainRunConfig) -> None:
     """Trains beside the first process of ``accelerate launch``, which has the dataset."""
     from roboverse_learn.commands.run_folder import default_folder, read_facts
+    from roboverse_learn.training.device import resolve_device
 
     folder = Path(config.run) if config.run else default_folder(config)
     while not (facts := read_facts(folder, "collect")) or facts.get("status") != "done":
         time.sleep(_POLL_S)
-    _train(config, folder, facts["folder"], device)
+    _train(config, folder, facts["folder"], resolve_device(config.device))
 
 
 def _duration(seconds: float) -> str:

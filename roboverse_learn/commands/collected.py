@@ -28,6 +28,16 @@ def of_task(config: TrainRunConfig, task: str) -> TrainRunConfig:
     return replace(config, env=config.env.replace(task=task), policy=replace(config.policy, tasks=()))
 
 
+def num_collected(config: TrainRunConfig) -> int:
+    """Returns how many demonstrations of the first task of a run are there."""
+    from roboverse_learn.collect import dataset_folder
+    from roboverse_learn.data.dataset.info import DatasetInfo
+    from roboverse_learn.data.dataset.schema import INFO_PATH
+
+    folder = dataset_folder(config)
+    return DatasetInfo.open(folder).num_episodes if (folder / INFO_PATH).is_file() else 0
+
+
 def collection_facts(collected: dict[str, "CollectionSummary"]) -> dict[str, Any]:
     """Returns what a run's manifest says of its demonstrations: ``folder`` is one, or one per task."""
     summaries = list(collected.values())

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from envs.core.machine import num_cores
 from envs.spec import EnvSpec
+from roboverse_learn.commands.collected import num_collected
 from roboverse_learn.config.schema import TrainRunConfig
 
 
@@ -48,8 +49,9 @@ def beside_training(config: TrainRunConfig) -> BesideTraining | None:
     if not one or HANDLERS.get(config.env.simulator).steps_together:
         return None
     timed = time_demonstration(config.env, config.collect.steps_per_look)
+    missing = max(config.collect.num_demos - num_collected(config), 0)
     return BesideTraining(
-        collect_s=_missing(config) * timed.collected_s / num_cores(), evaluate_s=_evaluation_s(config, timed)
+        collect_s=missing * timed.collected_s / num_cores(), evaluate_s=_evaluation_s(config, timed)
     )
 
 
@@ -81,16 +83,6 @@ def time_demonstration(spec: EnvSpec, steps_per_look: int = 0) -> DemonstrationT
             steps=steps,
             collected_s=timed(all_in, changing_looks(env, steps_per_look))[0] if steps_per_look else seconds,
         )
-
-
-def _missing(config: TrainRunConfig) -> int:
-    from roboverse_learn.collect import dataset_folder
-    from roboverse_learn.data.dataset.info import DatasetInfo
-    from roboverse_learn.data.dataset.schema import INFO_PATH
-
-    folder = dataset_folder(config)
-    there = DatasetInfo.open(folder).num_episodes if (folder / INFO_PATH).is_file() else 0
-    return max(config.collect.num_demos - there, 0)
 
 
 def _evaluation_s(config: TrainRunConfig, timed: DemonstrationTime) -> float:

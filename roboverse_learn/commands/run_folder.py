@@ -164,20 +164,9 @@ class RunFolder:
         """Opens the run of a configuration: the one that exists already, or a new one.
 
         Raises:
-            ConfigError: ``run=`` names a run of another configuration, or would overwrite the results of
-                one, or another process has it open.
+            ConfigError: as :func:`find_run`, or another process has it open.
         """
-        folder = Path(config.run) if config.run else default_folder(config)
-        if (folder / CONFIG_FILE).exists():
-            config = _continued(folder, config)
-        elif other := _other_file(folder):
-            raise ConfigError(
-                f"The folder '{folder}' is no run and holds other files, such as '{other}'. Name an empty or "
-                "a new folder, or leave out run=."
-            )
-        elif config.run:
-            _check_results(folder, config)
-        return cls(folder, config, command)
+        return cls(*find_run(config), command)
 
     @property
     def name(self) -> str:
@@ -266,6 +255,26 @@ def step_of(checkpoint: Path) -> int | None:
     return max((int(each.name) for each in folders if each.name.isdecimal()), default=None)
 
 
+def find_run(config: TrainRunConfig) -> tuple[Path, TrainRunConfig]:
+    """Returns the folder of the run of a configuration, and the configuration that the run goes on with.
+
+    Raises:
+        ConfigError: ``run=`` names a run of another configuration, a folder with other files, or one whose
+            results would overwrite those of another run.
+    """
+    folder = Path(config.run) if config.run else default_folder(config)
+    if (folder / CONFIG_FILE).exists():
+        config = _continued(folder, config)
+    elif other := _other_file(folder):
+        raise ConfigError(
+            f"The folder '{folder}' is no run and holds other files, such as '{other}'. Name an empty or "
+            "a new folder, or leave out run=."
+        )
+    elif config.run:
+        _check_results(folder, config)
+    return folder, config
+
+
 def default_folder(config: TrainRunConfig) -> Path:
     """Returns the folder that a configuration names; with ``resume=false`` the first free one."""
     task = Path(config.dataset).resolve().name if is_of_others(config) else config.env.task
@@ -321,9 +330,14 @@ def _check_results(folder: Path, config: TrainRunConfig) -> None:
 
 
 def _write_config(path: Path, config: TrainRunConfig) -> None:
+    write_file(path, config_text(config).encode())
+
+
+def config_text(config: TrainRunConfig) -> str:
+    """Returns the resolved configuration of a run, as its ``config.yaml`` holds it."""
     import yaml
 
-    write_file(path, yaml.safe_dump(to_values(config), sort_keys=False).encode())
+    return yaml.safe_dump(to_values(config), sort_keys=False)
 
 
 def _lock(folder: Path) -> BaseFileLock:

@@ -19,7 +19,7 @@ from roboverse_learn.training.config import AugmentConfig, TrainConfig
 
 # What may change between two starts of one run: none of it decides what is learned.
 _FREE = {
-    *("device", "run", "resume", "slow_ok", "preset", "evaluate", "suite", "tasks_at_once"),
+    *("device", "run", "resume", "slow_ok", "dry_run", "preset", "evaluate", "suite", "tasks_at_once"),
     *("dataset", "datasets_dir", "runs_dir", "results_dir"),
 }
 _FREE_KEYS = {

@@ -42,13 +42,13 @@ def runs_in_detail(runs_dir: Path) -> str:
     if not folders:
         return f"  none in '{runs_dir}'"
     newest_first = sorted(((_last_written(folder), folder) for folder in folders), reverse=True)
-    rows = [(str(folder.relative_to(runs_dir)), *_facts(folder), _ago(written))
+    rows = [(str(folder.relative_to(runs_dir)), *run_facts(folder), _ago(written))
             for written, folder in newest_first]  # fmt: skip
     return "\n".join(columns([HEADINGS, *rows], _RIGHT))
 
 
-def _facts(folder: Path) -> tuple[str, str, str]:
-    """Returns the state of a run, its steps and its success."""
+def run_facts(folder: Path) -> tuple[str, str, str]:
+    """Returns the state of a run, its steps and its success, as words."""
     try:
         manifest = json.loads((folder / MANIFEST_FILE).read_text(encoding="utf-8"))
         stages, state = manifest["stages"], _state(str(manifest["status"]), manifest["stages"])

@@ -49,6 +49,7 @@ EXAMPLES = {
     "train": (
         "roboverse train policy=act task=PickCube preset=quick",
         "roboverse train policy=diffusion task=PickCube train.steps=50000 num_demos=500",
+        "roboverse train policy=act task=StackCube preset=quick dry_run=true   (says what it would do)",
         "roboverse train run=runs/PickCube/act/<run>   (continues a run)",
     ),
     "collect": (

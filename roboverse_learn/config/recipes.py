@@ -24,9 +24,9 @@ _ONE_SEED_LEVELS = (1, 2)
 
 _BESIDE = {
     "policy_name", "task", "suite", "level", "seed", "recipe", "device", "run", "resume", "slow_ok",
-    "dataset", "datasets_dir", "runs_dir", "results_dir", "collect.num_workers", "collect.num_envs",
-    "evaluate.num_envs", "evaluate.videos", "train.num_threads", "train.save_every", "train.log_every",
-    "train.wandb", "tasks_at_once",
+    "dry_run", "dataset", "datasets_dir", "runs_dir", "results_dir", "tasks_at_once",
+    "collect.num_workers", "collect.num_envs", "evaluate.num_envs", "evaluate.videos", "train.num_threads",
+    "train.save_every", "train.log_every", "train.wandb",
 }  # fmt: skip
 """Keys that may be typed beside a recipe: none changes how it trains or what it is evaluated on."""
 

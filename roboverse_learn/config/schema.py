@@ -190,6 +190,8 @@ class TrainRunConfig(CollectConfig):
         run: Folder of a run to continue, or of a new one; empty for one named after the configuration.
         resume: Continue the run of the same configuration; false starts a new one beside it.
         slow_ok: Start even when the run would take very long on this machine.
+        dry_run: Check everything, say what is there already and how long the run takes, and print its
+            settings; nothing is written.
         runs_dir: Folder of runs.
         results_dir: Folder of results and of the leaderboard.
         train: Optimization.
@@ -204,6 +206,7 @@ class TrainRunConfig(CollectConfig):
     run: str = ""
     resume: bool = True
     slow_ok: bool = False
+    dry_run: bool = False
     runs_dir: str = "runs"
     results_dir: str = "results"
     train: TrainConfig = field(default_factory=TrainConfig)

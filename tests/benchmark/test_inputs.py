@@ -115,3 +115,8 @@ def test_a_share_is_of_what_all_inputs_move():
 def test_too_few_episodes_are_an_error():
     with pytest.raises(ConfigError, match=r"episodes=3 are too few .* 4 or more"):
         shares(Follower(front=1.0), SeeingEnv(3))
+
+
+def test_more_episodes_than_the_split_has_are_an_error():
+    with pytest.raises(ConfigError, match=r"The split has 5 episodes, given episodes=6\. Give 5 or fewer"):
+        shares(Follower(front=1.0), SeeingEnv(6, split_size=5))

@@ -69,6 +69,18 @@ def test_the_same_command_again_repeats_nothing(run: Path, capsys: pytest.Captur
     )
 
 
+def test_a_dry_run_says_that_all_is_there(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def times() -> dict[Path, int]:
+        return {path: path.stat().st_mtime_ns for path in Path().rglob("*") if path.is_file()}
+
+    before = times()
+    assert cli.main(["train", *TINY, "dry_run=true"]) == 0
+    _, shown, collect, *_ = capsys.readouterr().out.splitlines()
+    assert f"{run.relative_to(Path().resolve())} (done, 12 of 12 steps, " in shown
+    assert collect.endswith("(4 of 4 are there)")
+    assert times() == before
+
+
 def test_a_checkpoint_is_evaluated_alone(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["levels=[]", "alone=[camera]", "splits=[test]", "episodes=1", "videos=0", "device=cpu"]
     assert cli.main(["evaluate", f"checkpoint={run}", *words]) == 0

@@ -62,7 +62,20 @@ def test_noise_on_the_state_is_in_deviations_of_the_demonstrations_and_in_no_act
     np.testing.assert_array_equal(*both)
 
 
-def test_noise_on_the_state_is_a_setting_of_every_type_and_none_of_lerobots_configuration():
+@pytest.mark.slow
+def test_noise_on_the_state_is_in_no_file_of_a_checkpoint_and_given_anew_to_go_on_with_it(tmp_path):
+    config = LeRobotConfig(type="vqbet", settings=VQBET | {"state_noise": 0.5})
+    policies.create("lerobot", FEATURES, stats(), config).save(tmp_path / "noisy")
+    assert not any("state_noise" in path.read_text() for path in (tmp_path / "noisy").glob("*.json"))
+    states = {"observation.state": torch.zeros(2, 9)}
+    for given, moved in (({}, False), ({"state_noise": 0.1}, True)):
+        config = LeRobotConfig(path=str(tmp_path / "noisy"), settings=given)
+        policy = policies.create("lerobot", FEATURES, stats(), config)
+        policy.preprocess = dict
+        assert bool(policy.objective().normalizer(states)["observation.state"].any()) is moved
+
+
+def test_noise_on_the_state_is_a_setting_of_a_type_that_lacks_it_in_lerobot():
     config = compose("train", ["policy=lerobot", "type=smolvla", "policy.state_noise=0.1"])
     assert config.policy.settings == {"state_noise": 0.1}
     for wrong in (-0.1, float("inf"), float("nan"), "much"):

@@ -68,7 +68,7 @@ def test_an_untrained_policy_is_timed(policy: str) -> None:
 
 def test_demonstrations_that_are_there_are_not_counted(timed, monkeypatch) -> None:
     config = compose("train", [*TASK, "num_demos=300"])
-    monkeypatch.setattr(run_estimate, "_missing", lambda config: 0)
+    monkeypatch.setattr(run_estimate, "num_collected", lambda config: 300)
     others = beside_training(config)
     assert others is not None
     assert others.collect_s == 0
