@@ -129,7 +129,12 @@ def _checked_learner(config: TrainRunConfig) -> "Learner":
     _check_looks(config)
     if few := learner.too_few_steps():
         log.warning("%s", few)
-    refuse_long_run(learner)
+    try:
+        refuse_long_run(learner)
+    except ConfigError as error:
+        if not config.dry_run:
+            raise
+        log.warning("%s", error)
     if config.train.wandb:
         check_wandb()
     return learner

@@ -24,6 +24,7 @@ def planned(learner: "Learner") -> str:
 
     Raises:
         ConfigError: The run cannot begin, as one in a folder with other files.
+        DatasetError: What demonstrations are made from cannot be read.
     """
     folder, config = find_run(learner.config)
     config = replace(config, dry_run=False)  # as the run itself is started
@@ -43,6 +44,7 @@ def _state(folder: Path) -> str:
 
 def _demonstrations(config: TrainRunConfig) -> list[tuple[str, str]]:
     from roboverse_learn.collect import dataset_folder
+    from roboverse_learn.data.sources import SOURCES
 
     if policies.learns_from(config.policy_name) != "dataset":
         return []
@@ -52,6 +54,10 @@ def _demonstrations(config: TrainRunConfig) -> list[tuple[str, str]]:
     for task in config.tasks:
         one = of_task(config, task)
         there, wanted = num_collected(one), config.collect.num_demos
+        if there < wanted:
+            source = SOURCES.get(one.source)(one)
+            source.check()
+            source.candidates()  # reads what demonstrations are made from
         rows.append(("collect", f"{dataset_folder(one)} ({min(there, wanted):,} of {wanted:,} are there)"))
     return rows
 
@@ -71,4 +77,5 @@ def _evaluation(config: TrainRunConfig) -> str:
     protocol = protocol_of(config.evaluate)
     cells = len(list(protocol.cells())) * len(config.tasks)
     chosen = f"levels={listed(map(str, protocol.levels))} splits={listed(protocol.splits)}"
-    return f"{chosen}, {cells:,} cells of {protocol.episodes:,} episodes into {config.results_dir}"
+    counted = f"{cells:,} cell{'s' * (cells != 1)} of {protocol.episodes:,} episodes"
+    return f"{chosen}, {counted} into {config.results_dir}"

@@ -55,6 +55,25 @@ def test_what_stops_the_run_stops_its_dry_run(folder, capsys):
     assert "'mine' is no run and holds other files, such as 'notes.txt'" in capsys.readouterr().err
 
 
+def test_demonstrations_that_are_made_from_others_are_looked_for(folder, capsys):
+    words = ["policy=act", *WORDS, "robot=ur5e", "source=retarget", "from=nowhere", "dry_run=true"]
+    assert cli.main(["train", *words]) == 2
+    assert "nowhere" in capsys.readouterr().err
+
+
+def test_a_run_that_is_refused_as_long_is_shown_with_a_warning(folder, capsys, monkeypatch, caplog):
+    from roboverse_learn.training.learners import learner_of
+
+    words = ["policy=act", "task=PickCube", "device=cpu"]
+    monkeypatch.setattr(type(learner_of(compose("train", words), "cpu")), "estimate_s", lambda self: 9e4)
+    assert cli.main(["train", *words]) == 2
+    assert "about 25 hours on this machine's CPU" in capsys.readouterr().err
+    head, _ = said(capsys, *words)
+    assert "about 25 hours on this machine's CPU" in caplog.text
+    assert head[0] == "dry_run=true: nothing is written."
+    assert not list(folder.iterdir())
+
+
 def test_it_names_no_other_run():
     from roboverse_learn.commands.run_identity import run_name
 
