@@ -9,7 +9,7 @@ from roboverse_learn.commands.run_identity import identity
 from roboverse_learn.config.compose import compose
 from roboverse_learn.evaluate import evaluate_all
 from roboverse_learn.training.learners import learner_of
-from tests.policies.zoo.test_keys import VQBET
+from tests.policies.zoo.tiny import VQBET
 
 LIST = "task=[PickCube,StackCube]"
 WORDS = (

@@ -13,14 +13,7 @@ from policies import checkpoint
 from policies.zoo.config import LeRobotConfig
 from roboverse_learn.config.compose import compose
 from tests.policies.examples import FEATURES, IMAGE, SIZE, generators, observation, stats
-
-VQBET = {
-    "n_obs_steps": 2, "n_action_pred_token": 2, "action_chunk_size": 3, "crop_shape": [SIZE, SIZE],
-    "pretrained_backbone_weights": None, "use_group_norm": True, "spatial_softmax_num_keypoints": 4,
-    "vqvae_embedding_dim": 16, "vqvae_enc_hidden_dim": 16, "gpt_block_size": 20, "gpt_input_dim": 16,
-    "gpt_output_dim": 16, "gpt_n_layer": 1, "gpt_n_head": 2, "gpt_hidden_dim": 16,
-    "n_vqvae_training_steps": 1, "vision_backbone": "resnet18",
-}  # fmt: skip
+from tests.policies.zoo.tiny import VQBET
 
 
 @pytest.fixture(scope="module")

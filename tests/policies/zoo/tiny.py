@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from tests.policies.examples import SIZE
+
 WORDS = ("pick up the red cube", "push the blue block to the left", "open the drawer", "close the box")
 SPECIALS = {
     "multi_task_dit": ["<|pad|>", "<|startoftext|>", "<|endoftext|>"],
@@ -10,6 +12,14 @@ SPECIALS = {
     "paligemma": ["<pad>", "<eos>", "<bos>", "<unk>"],
     "llama": ["<unk>", "<s>", "</s>"],
 }
+VQBET = {
+    "n_obs_steps": 2, "n_action_pred_token": 2, "action_chunk_size": 3, "crop_shape": [SIZE, SIZE],
+    "pretrained_backbone_weights": None, "use_group_norm": True, "spatial_softmax_num_keypoints": 4,
+    "vqvae_embedding_dim": 16, "vqvae_enc_hidden_dim": 16, "gpt_block_size": 20, "gpt_input_dim": 16,
+    "gpt_output_dim": 16, "gpt_n_layer": 1, "gpt_n_head": 2, "gpt_hidden_dim": 16,
+    "n_vqvae_training_steps": 1, "vision_backbone": "resnet18",
+}  # fmt: skip
+"""Settings of VQ-BeT, which needs no extra."""
 
 
 def bpe(specials: list[str], size: int = 320) -> Any:
