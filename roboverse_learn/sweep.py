@@ -21,7 +21,7 @@ from envs.core.errors import ConfigError, RoboVerseError, unknown_name
 from envs.core.registry import plugins_word
 from envs.tasks.suites import suite_tasks
 from roboverse_learn.collect import dataset_folder
-from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
+from roboverse_learn.commands.given_dataset import find_given
 from roboverse_learn.commands.run_folder import CONFIG_FILE, default_folder, read_config, read_facts
 from roboverse_learn.commands.tested_checkpoint import protocol_of
 from roboverse_learn.commands.words_of_config import collect_words
@@ -87,7 +87,8 @@ def plan(words: Sequence[str]) -> Sweep:
     for each in combinations:
         run = _composed(each)
         check_folders(run)
-        runs.append((each, given_dataset(run).config if learns_from_given(run) else run))
+        given = find_given(run)
+        runs.append((each, given.config if given else run))
     return _checked(config, tuple(runs))
 
 

@@ -39,19 +39,16 @@ _POLL_S = 1.0
 
 def train(config: TrainRunConfig) -> Any:
     """Runs the whole loop; returns a printable report. See :func:`train_run`."""
-    from roboverse_learn.commands.dry_run import planned
     from roboverse_learn.commands.report import train_report
 
     if config.dry_run:
-        _check_several_processes(config)
-        given = _given(config)
-        return planned(_checked_learner(given.config if given else config))
+        return _dry_run(config)
     run = train_run(config)
     return "" if run is None else train_report(run)
 
 
 def train_run(config: TrainRunConfig) -> TrainedRun | None:
-    """Runs the whole loop, also with ``dry_run``; None in other processes than the first of ``accelerate``.
+    """Runs the whole loop; None in other processes than the first of ``accelerate launch``.
 
     A dataset that is named is trained on as it is, whoever made it. Where its policy cannot act in the task,
     as that of another robot, nothing is evaluated.
@@ -61,15 +58,21 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     Raises:
         ConfigError: The run would take very long on this machine, is open in another process, was started
             with another configuration, or is to be logged to Weights & Biases and nobody is logged in; the
-            task has no reward, or has no expert, that an agent is to learn from.
+            task has no reward, or has no expert, that an agent is to learn from; it is a dry run, which
+            only the command line has.
         MissingExtraError: A package is not installed.
     """
     from roboverse_learn.commands.called_with import command_words
+    from roboverse_learn.commands.given_dataset import find_given
     from roboverse_learn.commands.run_folder import RunFolder
 
+    if config.dry_run:
+        raise ConfigError(
+            "dry_run=true is of the command line, as in: roboverse train task=PickCube dry_run=true"
+        )
     _check_several_processes(config)
     from_dataset = policies.learns_from(config.policy_name) == "dataset"
-    given = _given(config)
+    given = find_given(config)
     config = given.config if given else config
     if from_dataset and int(os.environ.get("RANK", "0")) > 0:
         _train_along(config)
@@ -105,11 +108,14 @@ def train_run(config: TrainRunConfig) -> TrainedRun | None:
     )
 
 
-def _given(config: TrainRunConfig) -> "GivenDataset | None":
-    """Returns the dataset that a run is given to learn from, if it is."""
-    from roboverse_learn.commands.given_dataset import given_dataset, learns_from_given
+def _dry_run(config: TrainRunConfig) -> str:
+    """Checks a run as :func:`train_run` does; returns what it would do."""
+    from roboverse_learn.commands.dry_run import planned
+    from roboverse_learn.commands.given_dataset import find_given
 
-    return given_dataset(config) if learns_from_given(config) else None
+    _check_several_processes(config)
+    given = find_given(config)
+    return planned(_checked_learner(given.config if given else config))
 
 
 def _checked_learner(config: TrainRunConfig) -> "Learner":

@@ -74,9 +74,14 @@ class GivenDataset:
         )
 
 
-def learns_from_given(config: TrainRunConfig) -> bool:
-    """Whether a run learns from a dataset that is named."""
-    return bool(config.dataset) and policies.learns_from(config.policy_name) == "dataset"
+def find_given(config: TrainRunConfig) -> GivenDataset | None:
+    """Returns the dataset that a run names and learns from; None where it names none, or learns from an env.
+
+    Raises:
+        RoboVerseError: as :func:`given_dataset`.
+    """
+    learns = bool(config.dataset) and policies.learns_from(config.policy_name) == "dataset"
+    return given_dataset(config) if learns else None
 
 
 def given_dataset(config: TrainRunConfig) -> GivenDataset:

@@ -74,6 +74,15 @@ def test_a_run_that_is_refused_as_long_is_shown_with_a_warning(folder, capsys, m
     assert not list(folder.iterdir())
 
 
+def test_python_refuses_it_in_place_of_starting_the_run(folder):
+    from envs.core.errors import ConfigError
+    from roboverse_learn import api
+
+    with pytest.raises(ConfigError, match="dry_run=true is of the command line"):
+        api.train("act", "PickCube", preset="quick", dry_run=True)
+    assert not list(folder.iterdir())
+
+
 def test_it_names_no_other_run():
     from roboverse_learn.commands.run_identity import run_name
 
